@@ -27,7 +27,7 @@ from tcdyn.chain.chain import (
     sensors,
 )
 from tcdyn.chain.equalisation import equalise
-from tcdyn.chain.law import FlowLaw
+from tcdyn.chain.law import FlowLaw, TableLaw, TemperatureLaw
 from tcdyn.chain.rational import Hold
 from tcdyn.chain.structures import STRUCTURES, ChainStructure
 
@@ -39,6 +39,8 @@ __all__ = [
     "FlowLaw",
     "Hold",
     "Sensor",
+    "TableLaw",
+    "TemperatureLaw",
     "cement_lags",
     "chains_for",
     "discretised",

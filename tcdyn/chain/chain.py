@@ -824,3 +824,37 @@ def with_first_lag(sensor: Sensor, lag_s: float) -> Sensor:
         lag_row=sensor.lag_row * first_s / lag_s,
         lag_s=sensor.lag_s + lag_s - first_s,
     )
+
+
+def with_integral(sensor: Sensor) -> Sensor:
+    """The state space with one state more: the integral of the junction temperature.
+
+    It stands behind the stages, before the integrals of a mean, and reaches no output.
+    """
+    index = integral_index(sensor)
+
+    def row(values: Array) -> Array:
+        """A row with a zero for the new state."""
+        return np.insert(values, index, 0.0, axis=-1)
+
+    def square(values: Array) -> Array:
+        """A square matrix with zeros for the new state."""
+        return np.insert(row(values), index, 0.0, axis=0)
+
+    drift = square(sensor.drift)
+    drift[index, 0] = 1.0
+    return replace(
+        sensor,
+        drift=drift,
+        output=row(sensor.output),
+        lag_row=row(sensor.lag_row),
+        split_row=row(sensor.split_row),
+        ramp=np.insert(sensor.ramp, index, 0.0, axis=0),
+        scatter=square(sensor.scatter),
+        level_scatter=square(sensor.level_scatter),
+    )
+
+
+def integral_index(sensor: Sensor) -> int:
+    """Index of the state that ``with_integral`` adds to a state space."""
+    return len(sensor.drift) - sensor.mean_rows

@@ -663,8 +663,10 @@ def _carry_back(
 
 
 @compiled
-def _change_var(factor: Array, lower: Array, coefficients: Array, solved: Array) -> float:
-    """Variance of a function of the state less its first number, given all readings.
+def _change_var(
+    factor: Array, lower: Array, coefficients: Array, change_row: Array, solved: Array
+) -> float:
+    """Variance of a function of the state less that of ``change_row``, given all readings.
 
     Parameters
     ----------
@@ -674,13 +676,15 @@ def _change_var(factor: Array, lower: Array, coefficients: Array, solved: Array)
         Cholesky factor of I + G'G, see ``_product``.
     coefficients
         Coefficients (n,) of the function.
+    change_row
+        Coefficients (n,) that are taken off.
     solved
         Array (n,) for work.
     """
     n = len(coefficients)
-    coefficients[0] -= 1.0
-    _row_times_factor(coefficients, factor, solved)
-    coefficients[0] += 1.0
+    for i in range(n):
+        solved[i] = coefficients[i] - change_row[i]
+    _row_times_factor(solved.copy(), factor, solved)
     _solve_lower(lower, n, solved)
     variance = 0.0
     for i in range(n):
@@ -750,6 +754,8 @@ def _smooth(
     model: PointModel,
     repeats: Flags,
     rows: Array,
+    change_row: Array,
+    may_share: bool,
     noise_roots: Array,
     with_scores: bool,
     tolerance: float,
@@ -769,6 +775,11 @@ def _smooth(
         Its points that repeat the one before, see ``_repeats``.
     rows
         Rows (R, n) of functions of the states, see ``_state_moments``.
+    change_row
+        Row (n,) of the function whose change from mark to mark is wanted.
+    may_share
+        Whether points that do not differ may share what was computed for one of them. They may
+        not where marks are rarer than points: the change since a mark differs.
     noise_roots
         Lower triangular square roots of N1 and N2 of each kind of step (2, K, n, n).
     with_scores
@@ -820,7 +831,7 @@ def _smooth(
     is_repeated = np.zeros(period, dtype=np.bool_)
     propagations = np.zeros((period, n + 1, n))  # of d and the reading to the d of the point before
     has_propagation = np.zeros(period, dtype=np.bool_)
-    functions = np.zeros((period, 2, n))  # of the states: the first state at the next two marks
+    functions = np.zeros((period, 2, n))  # of the states: the wanted one at the next two marks
     function_vars = np.zeros((period, 2))
     new_information = np.zeros((n, n))
     product = np.zeros((n, n))  # G
@@ -858,7 +869,8 @@ def _smooth(
                 read = model.reading[p] / np.sqrt(model.variance[p])
             # the change over two marks depends on the steps of two periods
             shares = (
-                is_repeated[next_phase]
+                may_share
+                and is_repeated[next_phase]
                 and k > 0
                 and first + later + period < last
                 and slot == slot_of[later]
@@ -928,14 +940,14 @@ def _smooth(
                         )
                         if model.is_mark[p]:
                             change_var[p, f] = function_vars[phase, f] + _change_var(
-                                factors[slot], lower, functions[phase, f], solved
+                                factors[slot], lower, functions[phase, f], change_row, solved
                             )
                     if model.is_mark[p]:
                         function_vars[phase, 1] = function_vars[phase, 0]
                         function_vars[phase, 0] = 0.0
                         for i in range(n):
                             functions[phase, 1, i] = functions[phase, 0, i]
-                            functions[phase, 0, i] = 1.0 if i == 0 else 0.0
+                            functions[phase, 0, i] = change_row[i]
             for i in range(n):
                 residual[i] = side[0, i]
             for j in range(n):
@@ -1191,6 +1203,7 @@ def smooth_points(
     extra_rows: Array | None = None,
     *,
     with_scores: bool = True,
+    change_row: Array | None = None,
     tolerance: float = SETTLED,
 ) -> Smoothing:
     """States of a model given all its readings.
@@ -1204,6 +1217,9 @@ def smooth_points(
     with_scores
         Whether ``score``, ``score_var``, ``gradient``, ``expected`` and ``change_var`` are wanted;
         else they are not determined.
+    change_row
+        Row (n,) of the function of the states whose change between marks is wanted; None: the
+        first state. With a row all points are computed, which takes longer.
     tolerance
         See ``SETTLED``.
 
@@ -1241,10 +1257,13 @@ def smooth_points(
     gradient = np.empty((count, 2))
     change_var = np.zeros((count, 2))
     moments = np.empty((count, 10))
+    of_change = np.eye(n)[0] if change_row is None else change_row
     _smooth(
         model,
         _repeats(model),
         rows,
+        of_change,
+        change_row is None,
         noise_roots,
         with_scores,
         tolerance,

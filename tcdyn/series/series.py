@@ -10,6 +10,7 @@ Tests: ``tests/series/test_series.py`` and ``tests/series/test_one_answer.py``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -23,6 +24,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
 from tcdyn.io.table import Table
 from tcdyn.series.clock import Clock, fit_clock
+from tcdyn.series.descriptions import find_resolution_s
 from tcdyn.series.on_change import (
     DeadBand,
     FilledValues,
@@ -91,6 +93,8 @@ ROUNDING = 1e-5
 # Standard uncertainty of the real share, above which the readings tell less than what is assumed
 # without them (0.5): 0.5 / sqrt(2).
 NOT_TOLD = 0.35
+# Names of columns whose rows are means: T_Avg of Campbell loggers, and similar
+MEAN_NAME = re.compile(r"(?:^|[_\s(.-])(?:avg|average|mean)\)?(?:$|[_\s(\[])", re.IGNORECASE)
 TINY_NOISE = 1e-9  # of a trace without noise: the spike rule needs a positive one
 
 
@@ -112,6 +116,9 @@ class Policy:
         Largest share of the steps between rows that are not one interval.
     needs_grid
         Whether the samples of the complete grid are needed, so that nearly all may not be missing.
+    few_rows
+        A table of fewer rows, as read by eye, has no interval: its samples are at multiples of the
+        step of its stamps.
     max_stray
         Largest scatter of stamps that may be real [intervals]; a larger one is refused, and not
         only a warning.
@@ -123,6 +130,7 @@ class Policy:
     longest_interval_s: float = np.inf
     max_uneven_share: float = 1.0
     needs_grid: bool = True
+    few_rows: int = 0
     max_stray: float = np.inf
 
 
@@ -132,6 +140,10 @@ ANY_GAP = Policy()
 # Longest gap, in rows, of a record that is fitted in one piece, however short it is: a minute at
 # 1 Hz. By judgement; a refusal only asks the user to cut the table.
 ONE_PIECE = Policy(gap_rows=60)
+# The same of a dip, which may be a table that was written by hand: a logger writes more rows
+DIP = Policy(gap_rows=60, few_rows=30)
+# Least step of the stamps of such a table over its length: bounds its samples to 5000
+LEAST_STAMP_STEP = 1 / 5000
 
 
 @dataclass(frozen=True)
@@ -429,7 +441,8 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
         clock = poll_clock(clock)
         findings = [each for each in findings if each.code != "series.lost"]
     else:
-        check_gaps(time_s, clock, context)
+        if len(time_s) >= context.policy.few_rows:
+            check_gaps(time_s, clock, context)
     share = None
     late_s = None
     unshifted: dict[str, Array] = {}
@@ -463,6 +476,12 @@ def make_series(time_s: Array, columns: Sequence[ColumnRows], context: Context) 
     averages_s = context.options.averages_s
     if averages_s is not None:
         findings.append(info("series.averages", averages_s=averages_s))
+    else:
+        findings += [
+            info("series.named_mean", subject=column.name, interval_s=clock.interval_s)
+            for column in columns
+            if column.kind is not Kind.INPUT and MEAN_NAME.search(column.name)
+        ]
     duration_s = clock.interval_s * (clock.size - 1)
     report = clock_report(
         clock,
@@ -639,6 +658,11 @@ def clock_of(
     time_s, findings = _with_missing_times(time_s, context)
     check_times(time_s, context)
     dt_s = context.options.dt_s
+    is_by_hand = len(time_s) < context.policy.few_rows
+    if is_by_hand:
+        least_s = LEAST_STAMP_STEP * float(time_s[-1] - time_s[0])
+        step_s = max(find_resolution_s(time_s), least_s)
+        return time_s, fit_clock(time_s, dt_s or step_s), findings
     clock = fit_clock(time_s, dt_s)
     if is_row is not None and np.count_nonzero(is_row) >= context.policy.min_rows:
         clock = clock_without_events(time_s, clock, is_row, dt_s)

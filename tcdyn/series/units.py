@@ -49,9 +49,9 @@ class OutputNames:
         The readings as logged.
     result, u
         The compensated readings, and their standard uncertainty.
-    noise_u, common_u
-        Components of that: what differs from sample to sample, and what all channels of a disk
-        share.
+    noise_u, record_u, common_u
+        Components of that: what differs from row to row, what is one error of this column in the
+        whole log, and what is one error of all columns together.
     rate, rate_u
         Rate of change of the result, and its standard uncertainty.
     """
@@ -60,6 +60,7 @@ class OutputNames:
     result: str
     u: str
     noise_u: str
+    record_u: str
     common_u: str
     rate: str
     rate_u: str
@@ -223,7 +224,8 @@ class Unit:
         --------
         >>> vars(Unit("mV", "K").names("T1_mV"))  # doctest: +NORMALIZE_WHITESPACE
         {'logged': 'T1_logged_mV', 'result': 'T1_degC', 'u': 'T1_u_K', 'noise_u': 'T1_noise_u_K',
-         'common_u': 'T1_common_u_K', 'rate': 'T1_rate_K_s', 'rate_u': 'T1_rate_u_K_s'}
+         'record_u': 'T1_record_u_K', 'common_u': 'T1_common_u_K', 'rate': 'T1_rate_K_s',
+         'rate_u': 'T1_rate_u_K_s'}
         >>> names = Unit().names("T1 [°C]")
         >>> names.logged, names.result, names.rate
         ('T1_logged [°C]', 'T1 [°C]', 'T1_rate_K_s')
@@ -234,8 +236,9 @@ class Unit:
             logged=f"{stem}{LOGGED}{column.removeprefix(stem)}",
             result=f"{stem}_degC" if is_thermocouple else column,
             u=f"{stem}_u_{self.difference}",
-            noise_u=f"{stem}_noise_u_{self.base_difference}",
-            common_u=f"{stem}_common_u_{self.base_difference}",
+            noise_u=f"{stem}_noise_u_{self.difference}",
+            record_u=f"{stem}_record_u_{self.difference}",
+            common_u=f"{stem}_common_u_{self.difference}",
             rate=f"{stem}_rate_{self.difference}_s",
             rate_u=f"{stem}_rate_u_{self.difference}_s",
         )

@@ -47,6 +47,7 @@ from tcdyn.series.reading import CODE, READING, Kind, reasons_of
 from tcdyn.series.real_share import at_grid_times
 from tcdyn.series.units import NO_COUPLE, Unit
 from tcdyn.series.updates import usual_spacing
+from tcdyn.smoothing.mean_values import TimeMeans, common_lag_u_s, even_rows_s
 from tcdyn.smoothing.noise_levels import Intensity
 
 # bits of ``flags``: powers of two, because a sample may have several
@@ -152,21 +153,26 @@ class FollowedLag:
         The lag at each sample (N,) [s].
     sensors
         State spaces with some lags, evenly in their logarithm.
-    of_sample
-        Index (N,) of the state space of each sample.
+    of_step
+        Index (N,) of the state space of the step after each sample.
     """
 
     lag_s: Array
     sensors: tuple[Sensor, ...]
-    of_sample: NDArray[np.intp]
+    of_step: NDArray[np.intp]
 
     @classmethod
     def of(cls, lag_s: Array, sensor: Sensor) -> FollowedLag:
-        """The state spaces for lags (N,) [s] of a chain with the state space ``sensor``."""
-        step = np.round(np.log(lag_s) / LAG_STEP)
-        steps, of_sample = np.unique(step, return_inverse=True)
+        """The state spaces for lags (N,) [s] of a chain with the state space ``sensor``.
+
+        A step has the mean of the rates 1 / lag at its ends, which decides how far a stage moves.
+        """
+        rate = 1.0 / lag_s
+        rate_of_step = 0.5 * (rate + np.append(rate[1:], rate[-1:]))
+        step = np.round(-np.log(rate_of_step) / LAG_STEP)
+        steps, of_step = np.unique(step, return_inverse=True)
         lags_s = np.exp(steps * LAG_STEP).tolist()
-        return cls(lag_s, tuple(with_first_lag(sensor, lag) for lag in lags_s), of_sample)
+        return cls(lag_s, tuple(with_first_lag(sensor, lag) for lag in lags_s), of_step)
 
     def at(self, time_s: Array, dt_s: float) -> Array:
         """The lag [s] at some times (T,) [s]."""
@@ -174,7 +180,7 @@ class FollowedLag:
 
     def within(self, rows: slice) -> FollowedLag:
         """That of some samples."""
-        return replace(self, lag_s=self.lag_s[rows], of_sample=self.of_sample[rows])
+        return replace(self, lag_s=self.lag_s[rows], of_step=self.of_step[rows])
 
 
 @dataclass(frozen=True)
@@ -409,6 +415,8 @@ def record_of(
     in samples of the slowest one.
     """
     data = np.array(y, dtype=float)
+    if not data.size:
+        raise InputError("smooth: no readings", expected=f"at least {MIN_GOOD_SAMPLES} samples")
     data = data.reshape(len(data), -1)
     n, m = data.shape
     listed = chains_for(chains, m)
@@ -778,6 +786,11 @@ class Compensated(Result):
     units
         Unit of each channel (M,): degC, or that of another quantity, which then is that of
         ``temperature``, ``sd`` and all other fields of this channel. Empty: degC.
+    resolution_s
+        Shortest time (M,) [s] over which means are determined, see
+        :mod:`tcdyn.smoothing.resolution`; None: not known.
+    means
+        The means that were asked for; None: none.
 
     Notes
     -----
@@ -808,6 +821,8 @@ class Compensated(Result):
     names: tuple[str, ...] = ()
     index: pd.Index[Any] | None = None
     units: tuple[str, ...] = ()
+    resolution_s: Array | None = None
+    means: TimeMeans | None = None
 
     @classmethod
     def from_components(
@@ -939,17 +954,27 @@ class Compensated(Result):
             )
             findings.append(finding.in_unit(self._units[c].name))
         undetermined &= ~beyond
-        for c in np.flatnonzero(undetermined.any(axis=0)):
-            column = undetermined[:, c]
+        means = self.means
+        is_withheld = undetermined
+        if means is not None:
+            largest_u = np.maximum(range_K, MIN_RANGE_SD * self.noise_sd)
+            is_withheld = np.stack(far, axis=1)[means.sample] | (means.sd_noise > largest_u)
+            means = means.without(is_withheld | beyond[means.sample])
+        samples = np.arange(len(undetermined)) if means is None else means.sample
+        for c in np.flatnonzero(is_withheld.any(axis=0)):
+            column = is_withheld[:, c]
             numbers: dict[str, Any] = {
                 "percent": 100 * float(column.mean()),
-                "first_sample": int(np.argmax(column)),
+                "first_sample": int(samples[np.argmax(column)]),
             }
             numbers["range_K"] = float(range_K[c])
+            is_too_fast = (wide & ~np.stack(far, axis=1))[:, c]
+            if self.resolution_s is not None and means is None and is_too_fast.any():
+                numbers["resolution_s"] = even_rows_s(float(self.resolution_s[c]), dt_s)
             finding = warning("trace.undetermined", subject=names[c], **numbers)
             findings.append(finding.in_unit(self._units[c].name))
         undetermined |= beyond
-        return replace(self, undetermined=undetermined, findings=tuple(findings))
+        return replace(self, undetermined=undetermined, findings=tuple(findings), means=means)
 
     def determined_estimates(self) -> tuple[Array, Array]:
         """Temperature and its standard uncertainty, NaN where undetermined.
@@ -973,14 +998,18 @@ class Compensated(Result):
         slope = np.where(self.undetermined, np.nan, self.slope)
         return slope, np.where(self.undetermined, np.nan, self.slope_sd)
 
+    def noise_sd_of_rows(self) -> Array:
+        """The part of ``sd`` (N, M) [K] that differs from row to row, near in time correlated."""
+        of_record = sum((shift_K**2 for shift_K in self.shift_K), np.zeros_like(self.sd))
+        return np.asarray(np.sqrt(np.maximum(self.sd_noise**2 - of_record, 0.0)))
+
     def common_sd(self) -> Array:
         """Contribution (N, M) [K] to ``sd`` of the lag error that all channels have in common.
 
         The standard uncertainty of the mean lag of the channels, times the sensitivity of each
         sample.
         """
-        mean_u = float(np.sqrt(max(np.sum(self.lag_covariance), 0.0))) / len(self.lag_covariance)
-        return np.abs(self.lag_sensitivity) * mean_u
+        return np.abs(self.lag_sensitivity) * common_lag_u_s(self.lag_covariance)
 
     def summary(self, names: Sequence[str] = ()) -> str:
         """A few lines of text with the warnings; channels are numbered without ``names``."""
@@ -1025,6 +1054,8 @@ class Compensated(Result):
     def to_frame(self) -> pd.DataFrame:
         """Temperature and standard deviation of each channel, NaN where undetermined.
 
+        Where means were asked for, they are the rows, at the times in their middle.
+
         Returns
         -------
         DataFrame
@@ -1035,6 +1066,10 @@ class Compensated(Result):
         """
         index = pd.Index(self.time_s, name="time_s") if self.index is None else self.index
         temperature, sd = self.determined_estimates()
+        if self.means is not None:
+            temperature = self.means.mean
+            sd = self.means.sd
+            index = index[self.means.row]
         columns = {}
         for c in range(temperature.shape[1]):
             name = self.names[c] if self.names else f"channel_{c + 1}"

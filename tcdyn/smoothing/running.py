@@ -20,10 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
+from tcdyn.chain.law import LagLaw
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.rig.disk import Conditioning
+from tcdyn.smoothing.followed_flow import FollowedFlow, followed_flow
 from tcdyn.smoothing.noise_levels import Change, Intensity
 from tcdyn.smoothing.process_noise import segment
 from tcdyn.smoothing.record import Compensated, Record, Start, record_of
@@ -146,6 +148,9 @@ def smooth_block(
     split_u_s: ArrayLike = 0.0,
     static_u: Array | None = None,
     late_s: Array | None = None,
+    laws: Sequence[LagLaw | None] = (),
+    flow: Array | None = None,
+    flow_u: ArrayLike = 0.0,
 ) -> tuple[Compensated, Running]:
     """Smooth the samples of one block.
 
@@ -172,7 +177,7 @@ def smooth_block(
         As in ``tcdyn.smoothing.smoother.smooth``.
     static_u
         Standard uncertainty of the static line (N, M) [K].
-    late_s
+    late_s, laws, flow, flow_u
         As in ``tcdyn.smoothing.smoother.smooth``.
 
     Returns
@@ -182,8 +187,14 @@ def smooth_block(
     running
         For the next block.
     """
+    law: FollowedFlow | None = None
+    if flow is not None:
+        law = followed_flow(y, chains, list(laws), flow, flow_u)
+        chains = law.median_chains
     if running is None or learns:
         whole = record_of(y, dt_s, chains, names=names, units=units, late_s=late_s)
+        if law is not None:
+            whole = replace(whole, followed=law.lags(whole))
         likely = likeliest(whole, True)
         learned = learned_from(likely.fit, likely.smooth_probability)
         if running is None:
@@ -208,6 +219,8 @@ def smooth_block(
         whole = record_of(
             y, dt_s, chains, names=names, units=units, noise_model=noise, late_s=late_s
         )
+        if law is not None:
+            whole = replace(whole, followed=law.lags(whole))
         record = _from_start(whole, origin, replace(running.start, rows=rows_before))
         likely = likeliest(record, True, learned)
         findings = whole.findings
@@ -222,6 +235,7 @@ def smooth_block(
         static_u=None if static_u is None else static_u[origin:],
         findings=findings,
         names=names,
+        law=None if law is None else law.from_sample(origin),
     )
     end = next_origin - origin
     means, factors = state_at(likely.fit, end)

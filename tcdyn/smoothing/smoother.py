@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
 from tcdyn.chain.chain import STATED_SPLIT_SHARE, sensors
-from tcdyn.chain.law import FlowLaw
+from tcdyn.chain.law import LagLaw
 from tcdyn.core import Array, Flags
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
@@ -44,6 +44,7 @@ from tcdyn.smoothing.events import (
     weigh_events,
 )
 from tcdyn.smoothing.followed_flow import FollowedFlow, followed_flow
+from tcdyn.smoothing.law_check import law_findings
 from tcdyn.smoothing.lone_readings import contradicting_readings
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.pick_up import (
@@ -75,6 +76,7 @@ from tcdyn.smoothing.record import (
     channel_units,
     record_of,
 )
+from tcdyn.smoothing.resolution import resolved_s
 from tcdyn.smoothing.roughness import (
     averaged_over_level_noise,
     degrees_of_freedom,
@@ -90,6 +92,7 @@ from tcdyn.smoothing.state_space import (
     sample_covariance,
     smooth_record,
 )
+from tcdyn.smoothing.time_means import MeanTimes, time_means
 from tcdyn.smoothing.unresolved import line_var, unresolved_var
 
 # lags between two rows, beyond which a reading has no memory of the one before in double
@@ -130,9 +133,10 @@ def smooth(
     units: Sequence[str] | None = None,
     late_s: ArrayLike | None = None,
     switched: Mapping[str, ArrayLike] | None = None,
-    laws: FlowLaw | Sequence[FlowLaw | None] | None = None,
+    laws: LagLaw | Sequence[LagLaw | None] | None = None,
     flow: ArrayLike | None = None,
     flow_u: ArrayLike = 0.0,
+    means: float | str | MeanTimes | None = None,
 ) -> Compensated:
     """Estimate the temperature of the junctions, with a standard deviation for each sample.
 
@@ -198,6 +202,10 @@ def smooth(
     flow, flow_u
         The flow (N,) or (N, M), in the unit of the laws, and its standard uncertainty, one error
         for the whole record.
+    means
+        Length [s] of the times over which means are wanted, or "auto": the shortest that is
+        determined in all channels, see ``Compensated.resolution_s``. They are in
+        ``Compensated.means``.
 
     Returns
     -------
@@ -283,6 +291,9 @@ def smooth(
         fit = _smoothed_without_spikes(
             record, record.noise_sd**2, _as_intensities(intensity, n_channels)
         )
+    if law is not None:
+        labels = channel_names(names, n_channels)
+        record = replace(record, findings=(*record.findings, *law_findings(fit, law, labels)))
     duration_s = (len(record.y) - 1) * dt_s
     outside_s = [at_s for at_s in events_s if not 0 <= at_s <= duration_s]
     if outside_s:
@@ -303,7 +314,16 @@ def smooth(
         names=names,
         pick_ups=pick_ups,
         law=law,
+        means=None if means is None else MeanTimes.of(means),
+        with_resolution=True,
     )
+    if result.means is not None and not len(result.means.sample):
+        raise InputError(
+            f"smooth: means over {result.means.length_s:.4g} s of {len(record.y)} rows, "
+            f"{dt_s:.4g} s apart",
+            expected="less than the record",
+            parameters={"means": "SECONDS"},
+        )
     return result.with_labels(y, names)
 
 
@@ -415,6 +435,8 @@ def compensated(
     names: Sequence[str] | None,
     pick_ups: Sequence[PickUp] = (),
     law: FollowedFlow | None = None,
+    means: MeanTimes | None = None,
+    with_resolution: bool = False,
 ) -> Compensated:
     """The result of a smoothed record, with all contributions to its uncertainty.
 
@@ -434,6 +456,10 @@ def compensated(
         Interference that was removed from the readings.
     law
         How the lags follow a flow.
+    means
+        Means that are wanted; None: none.
+    with_resolution
+        Whether the shortest time is wanted whose means are determined.
     """
     record = fit.record
     dt_s = record.dt_s
@@ -449,13 +475,15 @@ def compensated(
     per_kelvin = samples.slope_sd / np.maximum(samples.sd, 1e-300)
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     slope_var = slope_var + (per_kelvin * record.aliasing_u_K) ** 2
+    above_corner_var: Array | float = 0.0
     if likely is not None and learned is not None:
         wave_var, wave_slope_var = line_var(fit)
         var = var + wave_var
         slope_var = slope_var + wave_slope_var
         is_rough = 1 - learned.smooth_probability
         intensity_var_K2, intensity_slope_var = intensity_var(fit, learned.dof)
-        var = var + learned.missed_var + is_rough * intensity_var_K2
+        above_corner_var = learned.missed_var + is_rough * intensity_var_K2
+        var = var + above_corner_var
         slope_var = slope_var + learned.missed_slope_var + is_rough * intensity_slope_var
     events = {at: u_by_time[at] for at in record.events_s}
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
@@ -487,6 +515,11 @@ def compensated(
     some_times = time[:: max(len(time) // 2000, 1)]
     labels = channel_names(names, n_channels)
     detected = [] if likely is None else [(event.at_s, event.u_s) for event in likely.detected]
+    resolution_s = None
+    if with_resolution:
+        of_fit = np.maximum(fit.var[0, fit.own], 1e-300)
+        ratio = np.maximum(np.median(var / of_fit, axis=0), 1.0)
+        resolution_s = resolved_s(record, fit.noise_var, fit.intensities, ratio)
     result = Compensated.from_components(
         temperature,
         sd,
@@ -512,7 +545,12 @@ def compensated(
         detected=() if likely is None else tuple(e.as_detected() for e in likely.detected),
         intensities=fit.intensities,
         units=record.units,
+        resolution_s=resolution_s,
     )
+    if means is not None:
+        length_s = means.length_in(record, resolution_s)
+        of_times = time_means(fit, result, means, length_s, above_corner_var)
+        result = replace(result, means=of_times)
     return result.with_undetermined(record.y, labels, record.chains, record.least_range_K())
 
 

@@ -297,7 +297,7 @@ def point_models(
     of_steps = [sensor] * len(points.step_s)
     if followed is not None:
         points, of_steps = _with_followed_lag(points, followed, record.dt_s)
-        sensor = followed.sensors[followed.of_sample[0]]
+        sensor = followed.sensors[followed.of_step[0]]
     step_matrices = [steps_of(each, step_s) for each, step_s in zip(of_steps, points.step_s)]
     transition, level_unit, slope_unit = (np.array(kinds) for kinds in zip(*step_matrices))
     transition[points.starts_mean] = transition[points.starts_mean] @ sensor.at_row
@@ -378,10 +378,10 @@ def _with_followed_lag(
 ) -> tuple[Points, list[Sensor]]:
     """Points whose kinds of steps also differ in the lag, and the state space of each kind.
 
-    The lag of a step is that of the sample at its start.
+    Steps between two samples have the lag of the step from sample to sample.
     """
     sample = np.floor(points.time_s / dt_s + SAME_TIME).astype(int)
-    of_point = followed.of_sample[np.clip(sample, 0, len(followed.of_sample) - 1)]
+    of_point = followed.of_step[np.clip(sample, 0, len(followed.of_step) - 1)]
     pairs, kind = np.unique(np.column_stack([points.kind, of_point]), axis=0, return_inverse=True)
     of_kind, of_lag = pairs.T
     changed = replace(

@@ -1,8 +1,10 @@
 """Coverage where the lag follows a flow, for sheaths whose law the smoother does not share.
 
-`python -m tests.smoothing.flow_study [RECORDS] [SEED]` prints one line for each course of the flow:
-coverage of the 95 % band (mean, its standard deviation between the records, and the worst record),
-rms error, median standard uncertainty, and rms error and coverage with a constant lag.
+`python -m tests.smoothing.flow_study [RECORDS] [SEED]` prints one line for each course of the flow,
+and each way in which it was logged: coverage of the 95 % band (mean, its standard deviation between
+the records, and the worst record), rms error, median standard uncertainty, rms error and coverage
+with a constant lag, and the number of warnings that the law is contradicted. Then, for laws that
+are wrong, rms error, coverage and number of warnings.
 
 The sensor is a solid cylinder in cross flow, by finite volumes, read at its centre. The film
 coefficient follows the law of Hilpert with an exponent of the record, and natural convection at
@@ -30,6 +32,7 @@ FINE = 10
 NOISE_K = 0.05
 SHELLS = 12
 FLOW_AT = 2.0
+FLOW_U_REL = 0.1
 LEAST = 0.1
 U_LAG_REL = 0.02
 U_EXPONENT = 0.03
@@ -59,11 +62,25 @@ def down_to_zero(t: Array, rng: np.random.Generator) -> Array:
     return 6.0 * np.cos(np.pi * t / 100 + rng.uniform(0, np.pi)) ** 2
 
 
-COURSES: dict[str, Course] = {
-    "steps by four": steps,
-    "turbulence": turbulence,
-    "down to zero": down_to_zero,
-}
+def as_it_is(flow: Array, rng: np.random.Generator) -> Array:
+    """The flow in the log is the true one."""
+    return flow
+
+
+def with_noise(flow: Array, rng: np.random.Generator) -> Array:
+    """Each row has an own error of 10 %."""
+    return np.asarray(flow * np.exp(0.1 * rng.standard_normal(len(flow))))
+
+
+def held(flow: Array, rng: np.random.Generator) -> Array:
+    """The flow is read every 5 s and held."""
+    every = round(5.0 / DT_S)
+    return np.asarray(np.repeat(flow[::every], every)[: len(flow)])
+
+
+def off_by_a_share(flow: Array, rng: np.random.Generator) -> Array:
+    """The flow has one error in all rows, of the stated ``FLOW_U_REL``."""
+    return np.asarray(flow * np.exp(FLOW_U_REL * rng.standard_normal()))
 
 
 def film_of(flow: Array, exponent: float) -> Array:
@@ -121,11 +138,29 @@ def lags_of(film_s: float, inner_s: float) -> tuple[float, float]:
     return largest_s, float(settled[0]) - largest_s
 
 
-def judge(name: str, index: int, seed: int) -> tuple[float, ...]:
-    """Coverage, mean square error, median u, and the first two with a constant lag."""
+LOGGED: dict[str, tuple[Course, Course]] = {
+    "steps by four": (steps, as_it_is),
+    "turbulence": (turbulence, as_it_is),
+    "down to zero": (down_to_zero, as_it_is),
+    "turbulence, noise of 10 %": (turbulence, with_noise),
+    "turbulence, held 5 s": (turbulence, held),
+    "steps, off by 10 %": (steps, off_by_a_share),
+}
+# How a law may be wrong: exponent that is added, and whether the column is that of another flow
+WRONG: dict[str, tuple[float, bool]] = {
+    "exponent 0.3 too small": (-0.3, False),
+    "exponent 0.3 too large": (0.3, False),
+    "column of another flow": (0.0, True),
+}
+
+
+def judge(name: str, index: int, seed: int, wrong: str = "") -> tuple[float, ...]:
+    """Coverage, mean square error, median u, the first two with a constant lag, and warnings."""
+    course, logged = LOGGED[name]
+    added, is_other = WRONG.get(wrong, (0.0, False))
     rng = np.random.default_rng([seed, index])
     t = DT_S / FINE * np.arange(ROWS * FINE)
-    flow = COURSES[name](t, rng)
+    flow = course(t, rng)
     exponent = rng.uniform(0.4, 0.65)
     film_s = rng.uniform(3.0, 12.0)
     inner_s = film_s * rng.uniform(0.05, 0.3)
@@ -139,7 +174,7 @@ def judge(name: str, index: int, seed: int) -> tuple[float, ...]:
     given_share = float(np.clip(share + U_SHARE * rng.standard_normal(), rest_s / film_s, 0.9))
     law = FlowLaw(
         FLOW_AT,
-        exponent + U_EXPONENT * float(rng.standard_normal()),
+        float(np.clip(exponent + added + U_EXPONENT * rng.standard_normal(), 0.0, 1.0)),
         U_EXPONENT,
         given_share,
         U_SHARE,
@@ -147,7 +182,9 @@ def judge(name: str, index: int, seed: int) -> tuple[float, ...]:
     )
     chain = Chain((scale * largest_s, scale * rest_s), conditioning=NO_CONDITIONING)
     lag_var = [[(U_LAG_REL * chain.lag_s) ** 2]]
-    result = smooth(rows, DT_S, chain, lag_covariance=lag_var, laws=law, flow=flow[::FINE])
+    column = logged(course(t, rng)[::FINE] if is_other else flow[::FINE], rng)
+    flow_u = FLOW_U_REL * column if logged is off_by_a_share else 0.0
+    result = smooth(rows, DT_S, chain, lag_covariance=lag_var, laws=law, flow=column, flow_u=flow_u)
     constant = smooth(rows, DT_S, chain, lag_covariance=lag_var)
     truth = x[::FINE]
     error = result.temperature[:, 0] - truth
@@ -158,22 +195,42 @@ def judge(name: str, index: int, seed: int) -> tuple[float, ...]:
         float(np.median(result.sd)),
         float(np.mean(of_constant**2)),
         float(np.mean(np.abs(of_constant) < 1.96 * constant.sd[:, 0])),
+        float(any(f.code == "trace.law" for f in result.findings)),
     )
 
 
 def report(records: int, seed: int) -> None:
-    """Print the table."""
-    print("flow             cover %   +-  worst   rms K  median u   constant: rms K  cover %")
-    for name in COURSES:
-        with ProcessPoolExecutor(2) as pool:
-            found = list(pool.map(judge, [name] * records, range(records), [seed] * records))
-        cover, square, u, of_constant, held = np.array(found).T
+    """Print the tables."""
+    print(
+        "flow                        cover %   +-  worst   rms K  median u   "
+        "constant: rms K  cover %  law contradicted"
+    )
+    for name in LOGGED:
+        cover, square, u, of_constant, held_by_constant, contradicted = _judged(name, records, seed)
         print(
-            f"{name:16s} {100 * cover.mean():7.1f} {100 * cover.std():4.1f} "
+            f"{name:27s} {100 * cover.mean():7.1f} {100 * cover.std():4.1f} "
             f"{100 * cover.min():6.1f} {np.sqrt(square.mean()):7.3f} {np.median(u):9.3f} "
-            f"{np.sqrt(of_constant.mean()):17.3f} {100 * held.mean():8.1f}",
+            f"{np.sqrt(of_constant.mean()):17.3f} {100 * held_by_constant.mean():8.1f} "
+            f"{contradicted.sum():10.0f}",
             flush=True,
         )
+    for wrong in WRONG:
+        for name in list(LOGGED)[:3]:
+            cover, square, *_, contradicted = _judged(name, records, seed, wrong)
+            print(
+                f"{wrong}, {name}: rms {np.sqrt(square.mean()):.2f} K, covered "
+                f"{100 * cover.mean():.0f} %, contradicted {contradicted.sum():.0f} of {records}; "
+                f"covered where not {100 * np.mean(cover[contradicted == 0]):.0f} %",
+                flush=True,
+            )
+
+
+def _judged(name: str, records: int, seed: int, wrong: str = "") -> Array:
+    """What ``judge`` gives for each record, one row a number."""
+    with ProcessPoolExecutor(2) as pool:
+        count = range(records)
+        found = list(pool.map(judge, [name] * records, count, [seed] * records, [wrong] * records))
+    return np.array(found).T
 
 
 if __name__ == "__main__":

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.law import FlowLaw
+from tcdyn.chain.law import FlowLaw, TemperatureLaw
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.smoothing import smooth
-from tests.smoothing.flow_study import COURSES, judge
+from tests.smoothing.flow_study import judge
 
 DT_S = 0.5
 ROWS = 300
 LAW = FlowLaw(at=2.0, exponent=0.5, inner_share=0.2)
+STEEP = TemperatureLaw(20.0, -0.5, inner_share=0.2)
 CHAIN = Chain((8.0, 2.0), conditioning=NO_CONDITIONING)
 
 
@@ -70,6 +71,13 @@ def test_only_the_channels_with_a_law_follow() -> None:
         ({"laws": [LAW, LAW], "flow": np.ones(ROWS)}, "2 laws for 1 channels"),
         ({"laws": LAW, "flow": np.ones(5)}, "a flow of shape"),
         ({"laws": LAW, "flow": np.full(ROWS, np.nan)}, "the flow is missing in row 0"),
+        ({"laws": LAW, "flow": np.ones(ROWS), "flow_u": np.nan}, "an uncertainty of the flow"),
+        ({"laws": LAW, "flow": np.ones(ROWS), "flow_u": np.ones(5)}, r"of shape \(5,\)"),
+        ({"laws": LAW, "flow": np.ones(ROWS), "flow_u": -1.0}, "at least -1"),
+        (
+            {"laws": TemperatureLaw(20.0, -0.5, inner_share=0.2), "flow": np.full(ROWS, 9000.0)},
+            "gives a lag of inf",
+        ),
     ],
 )
 def test_what_does_not_belong_together_is_said(arguments: dict, words: str) -> None:
@@ -78,9 +86,36 @@ def test_what_does_not_belong_together_is_said(arguments: dict, words: str) -> N
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("name", COURSES)
+@pytest.mark.parametrize("name", ["steps by four", "turbulence", "down to zero"])
 def test_sheaths_in_a_changing_flow_are_covered(name: str, draws: Callable[[int], int]) -> None:
-    found = np.array([judge(name, k, 95100) for k in range(draws(16))])
-    cover, square, _, of_constant, _ = found.T
-    assert cover.mean() > 0.92
+    found = np.array([judge(name, k, 95100) for k in range(draws(8))])
+    cover, square, _, of_constant, _, contradicted = found.T
+    assert cover.mean() > 0.9
+    assert contradicted.sum() <= 1
     assert np.sqrt(square.mean()) < np.sqrt(of_constant.mean()) / 3
+
+
+def test_a_flow_of_each_row_holds_at_the_row() -> None:
+    """Readings at the rows of a flow that is linear between them: half a row matters."""
+    fine = 40
+    rng = np.random.default_rng(3)
+    t = DT_S / fine * np.arange(ROWS * fine)
+    truth = 60 + 10 * np.sin(t / 6) + 3 * np.sin(t / 2.5)
+    flow = 5 + 3 * np.sin(2 * np.pi * t / 8)
+    law = FlowLaw(at=2.0, exponent=0.6)
+    rate = 1 / (10 * law.factor(flow))
+    reading = np.empty(len(t))
+    reading[0] = truth[0]
+    for k in range(1, len(t)):
+        share = np.exp(-0.5 * (rate[k] + rate[k - 1]) * DT_S / fine)
+        middle = 0.5 * (truth[k] + truth[k - 1])
+        reading[k] = share * reading[k - 1] + (1 - share) * middle
+    y = reading[::fine] + 0.02 * rng.standard_normal(ROWS)
+    chain = Chain((10.0,), conditioning=NO_CONDITIONING)
+    inside = slice(20, -20)
+    errors = []
+    for shift in (0, fine):  # the flow of the row itself, and that of the next one
+        column = np.roll(flow, -shift)[::fine]
+        result = smooth(y, DT_S, chain, laws=law, flow=column)
+        errors.append(np.std((result.temperature[:, 0] - truth[::fine])[inside]))
+    assert errors[0] < 0.5 * errors[1]
