@@ -8,19 +8,22 @@ a log is compensated with a fixed delay or followed. Guarded by
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from tcdyn.chain import Chain
-from tcdyn.chain.law import FlowLaw
+from tcdyn.chain.law import FlowLaw, LagLaw
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.checksum import ALTERED_CODE
+from tcdyn.io.unit_names import unit_in
 from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
+from tcdyn.sensors.accuracy import Accuracy, Stated, accuracy_by_column
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.readings import ChannelReadings
 from tcdyn.sensors.segments import TableSegment
@@ -43,7 +46,8 @@ MIN_ROWS = 10
 # Interval in lags from which a warning is given that the rows are slow for the sensor; by
 # judgement.
 SLOW_ROWS_LAGS = 0.5
-# words of a column of text that switches
+# In place of a column that lags follow: they do not follow any
+NO_COLUMN = "none"
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class Channel:
     lag_s: Estimate
     line: StaticLine | None
     sensor: str
-    law: FlowLaw | None = None
+    law: LagLaw | None = None
 
 
 @dataclass(frozen=True)
@@ -105,11 +109,17 @@ class TableChannels:
         Where the rows come from, and what is known of all of them.
     flow_column
         Column with the flow that lags follow; empty: no lag follows.
+    flow_u
+        Its standard uncertainty in its unit, and as a share of it: the larger one holds.
+    accuracies
+        Stated accuracy of the readings, by column.
     """
 
     groups: tuple[ChannelGroup, ...]
     context: Context
     flow_column: str = ""
+    flow_u: tuple[float, float] = (0.0, 0.0)
+    accuracies: Mapping[str, Accuracy] = field(default_factory=dict)
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -157,28 +167,72 @@ class TableChannels:
         }
         return [f for f in findings if not is_removed.get(f.code, False)]
 
-    def following(self, follows: str, names: Sequence[str]) -> TableChannels:
+    @property
+    def notes(self) -> dict[str, str]:
+        """What an output states of laws and accuracies."""
+        notes = {}
+        for channel in self.channels:
+            if channel.law is not None:
+                notes[f"law of {channel.column}"] = channel.law.summary()
+        if self.flow_column:
+            notes["follows"] = self.flow_column
+        absolute, share = self.flow_u
+        if absolute or share:
+            notes["follows_u"] = f"{100 * share:g}%" if share else f"{absolute:g}"
+        for column, accuracy in self.accuracies.items():
+            unit = self.units[column].base_difference
+            text = f"{accuracy.limit:g} {unit} + {100 * accuracy.share:g} %"
+            notes[f"accuracy of {column}"] = text
+        return notes
+
+    def with_accuracy(self, accuracy: Stated) -> TableChannels:
+        """The channels with a stated accuracy of their readings.
+
+        Parameters
+        ----------
+        accuracy
+            See ``tcdyn.sensors.accuracy.accuracy_by_column``; an empty list: none is stated.
+        """
+        if accuracy in ((), []):
+            return self
+        stated = accuracy_by_column(accuracy, self.units, self.context.where)
+        return replace(self, accuracies=stated)
+
+    def following(
+        self,
+        follows: str,
+        names: Sequence[str],
+        flow_u: float | str = "",
+        units: Mapping[str, str] = MappingProxyType({}),
+    ) -> TableChannels:
         """The channels with the column of the flow that their lags follow.
 
         Parameters
         ----------
         follows
-            The column, or ``quantity=column``; empty: the column with the name of the quantity.
+            The column, or ``quantity=column``; empty: the column with the name of the quantity;
+            ``none``: the lags are those of their files, and do not follow.
         names
             Columns of the table.
+        flow_u
+            Standard uncertainty of the column, in its unit or with a % sign; empty: none.
+        units
+            Units that the table states of its columns, by name.
 
         Raises
         ------
         InputError
-            Without such a column, for sensors that follow several quantities, and for a column
-            although no lag follows.
+            Without such a column, for one in another unit than the quantity states, for sensors
+            that follow several quantities, and for a column although no lag follows.
         """
+        if follows == NO_COLUMN:
+            return self._without_laws()
         quantities = {channel.law.quantity for channel in self.channels if channel.law}
         where = self.context.where
         if not quantities:
-            if follows:
+            if follows or flow_u:
                 raise InputError(
-                    f"no lag follows {follows!r}",
+                    f"no lag follows {follows or 'a column'!r}",
                     where=where,
                     expected="a sensor with the law of its lag",
                     remedy="state it with {at}",
@@ -187,25 +241,46 @@ class TableChannels:
             return self
         if len(quantities) > 1:
             listed = ", ".join(sorted(quantities))
-            raise InputError(f"lags follow {listed}", where=where, expected="one quantity")
+            raise InputError(
+                f"lags follow {listed}",
+                where=where,
+                expected="sensors whose lags follow one quantity",
+                remedy="compensate them one after the other",
+            )
         (quantity,) = quantities
-        named, _, column = follows.rpartition("=")
+        named, _, column = (part.strip() for part in follows.rpartition("="))
         if named and named != quantity:
             raise InputError(
                 f"a column for {named}",
                 where=where,
                 expected=f"one for {quantity}: QUANTITY=COLUMN",
             )
-        column = column or quantity
-        if column not in names:
+        try:
+            (column,) = match_columns(column or quantity, names, where)
+        except InputError:
             raise InputError(
-                f"no column {column!r} with the flow that the lag follows",
+                f"no column {column or quantity!r} with the flow that the lag follows",
                 where=where,
                 expected=", ".join(names),
                 parameters={"follows": f"{quantity}=COLUMN"},
-                remedy="name it with {follows}",
+                remedy="name it with {follows}; with the value none the lag stays that of the file",
+            ) from None
+        if column in self.units:
+            raise InputError(
+                f"lags follow column {column!r}, which is compensated itself",
+                where=where,
+                expected="the column of another sensor: this one lags behind what it measures",
             )
-        return replace(self, flow_column=column)
+        _check_unit_of_flow(quantity, column, units.get(column, ""), where)
+        return replace(self, flow_column=column, flow_u=_uncertainty_of(flow_u))
+
+    def _without_laws(self) -> TableChannels:
+        """The channels with lags that do not follow."""
+        groups = [
+            replace(group, channels=tuple(replace(each, law=None) for each in group.channels))
+            for group in self.groups
+        ]
+        return replace(self, groups=tuple(groups))
 
     @property
     def lag_s(self) -> float:
@@ -229,6 +304,9 @@ class TableChannels:
             findings.append(info("sensor.means", averages_s=self.mean_s))
         findings += self.without_removed(series.findings, series.late_s is not None)
         others = _other_columns(segment, series, self.raw_columns)
+        is_whole = segment.is_last and not segment.rows_before
+        flow, of_flow = self._flow(others, series.interval_s, is_whole)
+        findings += of_flow
         group_size = min(max(int(MAX_VALUES / series.clock.size), 1), MAX_COLUMNS)
         prepared = []
         for group in self.groups:
@@ -246,28 +324,114 @@ class TableChannels:
                     )
             for first in range(0, len(alive), group_size):
                 indices = alive[first : first + group_size]
-                readings = _readings_of(group, indices, series, self.mean_s)
-                flow = self._flow(others)
-                prepared.append(replace(readings, others=others, flow=flow))
+                readings = _readings_of(group, indices, series, self.mean_s, self.accuracies)
+                flow_u = None if flow is None else self._flow_u(flow)
+                prepared.append(replace(readings, others=others, flow=flow, flow_u=flow_u))
         return prepared, findings
 
-    def _flow(self, others: Mapping[str, Array]) -> Array | None:
+    def _flow(
+        self, others: Mapping[str, Array], dt_s: float, is_whole: bool
+    ) -> tuple[Array | None, list[Finding]]:
         """The flow at the samples (N,), held where it is missing; None: no lag follows.
+
+        Parameters
+        ----------
+        others
+            Other columns at the samples (N,).
+        dt_s
+            Time from sample to sample [s].
+        is_whole
+            Whether the samples are all of the table.
+
+        Returns
+        -------
+        flow
+            The flow. Of a part of a table without a number, that at which the lag of the file
+            holds.
+        findings
+            How much is missing: a warning where it is missing for longer than a lag.
 
         Raises
         ------
         InputError
-            For a column without a number.
+            For a column without a number, and a flow of zero where the law has no least one.
         """
-        if not self.flow_column:
-            return None
+        law = next((channel.law for channel in self.channels if channel.law), None)
+        if not self.flow_column or law is None:
+            return None, []
         values = others.get(self.flow_column, np.full(1, np.nan))
-        if not np.isfinite(values).any():
-            raise InputError(
-                f"column {self.flow_column!r} with the flow has no number",
-                where=self.context.where,
-            )
-        return held(values)
+        if isinstance(law, FlowLaw):
+            values = np.where(values < 0, np.nan, values)
+            zeros = int(np.count_nonzero(values == 0))
+            if zeros and not law.least:
+                raise InputError(
+                    f"{zeros} rows of column {self.flow_column!r} have a flow of zero, at which "
+                    "the lag has no limit",
+                    where=self.context.where,
+                    expected="a sensor with a least flow, below which there is natural convection",
+                    remedy="state it with {least_flow}",
+                    parameters={"least_flow": "0.1"},
+                )
+        is_missing = ~np.isfinite(values)
+        if is_missing.all():
+            if is_whole:
+                raise InputError(
+                    f"column {self.flow_column!r} with the flow has no number",
+                    where=self.context.where,
+                )
+            missing = warning("sensor.no_flow", subject=self.flow_column, at=law.at)
+            return np.full(len(values), law.at), [missing]
+        edges = np.flatnonzero(np.diff(is_missing, prepend=False, append=False))
+        longest_s = dt_s * float(np.max(edges[1::2] - edges[::2], initial=0))
+        if not longest_s:
+            return held(values), []
+        severity = warning if longest_s > self.lag_s else info
+        finding = severity(
+            "sensor.flow_held",
+            subject=self.flow_column,
+            percent=100 * float(is_missing.mean()),
+            longest_s=longest_s,
+        )
+        return held(values), [finding]
+
+    def _flow_u(self, flow: Array) -> Array:
+        """Standard uncertainty of the flow at the samples (N,)."""
+        absolute, share = self.flow_u
+        return np.asarray(np.maximum(absolute, share * np.abs(flow)))
+
+
+def _check_unit_of_flow(quantity: str, column: str, unit_of_table: str, where: str) -> None:
+    """Raise InputError for a column in another unit than the quantity of a law states."""
+    unit_of_law = unit_in(quantity).replace("_", "/")
+    unit_of_column = (unit_in(column) or unit_of_table).replace("_", "/")
+    if unit_of_law and unit_of_column and unit_of_law != unit_of_column:
+        raise InputError(
+            f"column {column!r} is in {unit_of_column}, the law of the lag in {unit_of_law}",
+            where=where,
+            expected=f"a column in {unit_of_law}",
+            remedy="convert it, or state the law in its unit",
+        )
+
+
+def _uncertainty_of(stated: float | str) -> tuple[float, float]:
+    """A standard uncertainty in a unit, or as a share where the text has a % sign.
+
+    >>> _uncertainty_of("5%"), _uncertainty_of(0.1), _uncertainty_of("")
+    ((0.0, 0.05), (0.1, 0.0), (0.0, 0.0))
+    """
+    text = str(stated)
+    number = text.strip().removesuffix("%")
+    try:
+        value = float(number or 0.0)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < np.inf:
+        raise InputError(
+            f"{{follows_u}} is {text!r}",
+            expected="a number, or a number with %",
+            parameters={"follows_u": None},
+        )
+    return (0.0, value / 100) if text.strip().endswith("%") else (value, 0.0)
 
 
 def _other_columns(
@@ -303,7 +467,11 @@ def _other_columns(
 
 
 def _readings_of(
-    group: ChannelGroup, indices: list[int], series: Series, mean_s: float
+    group: ChannelGroup,
+    indices: list[int],
+    series: Series,
+    mean_s: float,
+    accuracies: Mapping[str, Accuracy],
 ) -> ChannelReadings:
     """Readings of some channels of a group with their units, chains and uncertainties.
 
@@ -317,6 +485,8 @@ def _readings_of(
         Readings of all columns.
     mean_s
         Time [s] over which each row is a mean; zero: none.
+    accuracies
+        Stated accuracy by column.
     """
     channels = [group.channels[i] for i in indices]
     y = np.stack([_with_static_line(series, channel) for channel in channels], axis=1)
@@ -328,6 +498,10 @@ def _readings_of(
             static_u_K[:, k] = reading_u(channel.line, y[:, k])
             shared_K[k] = channel.line.shared_u_K
             gain_u_rel[k] = channel.line.gain_u_rel
+        accuracy = accuracies.get(channel.column)
+        if accuracy:
+            static_u_K[:, k] = np.hypot(static_u_K[:, k], accuracy.u(y[:, k]))
+            gain_u_rel[k] = np.hypot(gain_u_rel[k], accuracy.gain_u_rel)
     reasons = np.stack([series.reasons[channel.column] for channel in channels], axis=1)
     return ChannelReadings(
         tuple(channel.column for channel in channels),
@@ -392,7 +566,11 @@ def sensor_channels(
     sensor_of_column: dict[str, tuple[int, int]] = {}
     for number, file in enumerate(sensors):
         for index, pattern in enumerate(file.columns):
-            for name in [n for c in (columns or [pattern]) for n in match_columns(c, names, where)]:
+            matched = [n for c in (columns or [pattern]) for n in match_columns(c, names, where)]
+            if "*" in pattern and file.law is not None and not columns:
+                # the flow that the lag follows is no temperature of this sensor
+                matched = [n for n in matched if n != file.law.quantity]
+            for name in matched:
                 if name in sensor_of_column:
                     raise InputError(
                         f"two sensors for column {name!r}",

@@ -38,6 +38,7 @@ from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import GOOD, IMPLAUSIBLE, MISSING, Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth
+from tcdyn.smoothing.time_means import MeanTimes
 
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -61,7 +62,8 @@ class CompensationMethod(Options):
     bandwidth_Hz
         with the method inverse: bandwidth [Hz] (default 0.5)
     components
-        also write the components of each _u_K: _noise_u_K and _common_u_K
+        also write the components of each _u_K: _noise_u_K (differs from row to row), _record_u_K
+        (one error of the column in the whole log) and _common_u_K (one error of all columns)
     rate
         also write the rate of change of each result and its standard uncertainty
     """
@@ -71,7 +73,7 @@ class CompensationMethod(Options):
         None, "Two-disk rig", choices=get_args(Criterion), takes=str
     )
     bandwidth_Hz: float | None = option(None, "Two-disk rig", low=0, high=1e4)
-    components: bool = option(False, "Two-disk rig")
+    components: bool = option(False, "Output")
     rate: bool = option(False, "Output")
 
     def __post_init__(self) -> None:
@@ -120,7 +122,7 @@ class CompensationMethod(Options):
             return listed
         listed.append(names.u)
         if self.components:
-            listed += [names.noise_u, names.common_u]
+            listed += [names.noise_u, names.record_u, names.common_u]
         if self.rate:
             listed += [names.rate, names.rate_u]
         return listed
@@ -191,16 +193,21 @@ class CompensatedSegment:
     columns
         Columns (R,) of the output: those of the source, and the results.
     numbers
-        By column: noise, typical and largest standard deviation (3,) [K, or the unit of the column
-        if it is no temperature].
+        By column: noise, typical and largest standard deviation [K, or the unit of the column if it
+        is no temperature], and shortest time whose means are determined [s], NaN where it is not
+        known (4,).
     flags
-        By column: flags (R,) of the samples, see ``Compensated``.
+        By column: flags of the samples of all rows, see ``Compensated``.
     decimals
         By column of a result: number of decimals that its uncertainty here asks for.
     findings
         Findings.
     delayed
         With a delay: what it passes on to the next one.
+    rows
+        Rows of the segment in the middle of means; None: all rows.
+    means_s
+        Length of these means [s]; None: there are none.
     """
 
     segment: TableSegment
@@ -210,21 +217,31 @@ class CompensatedSegment:
     decimals: dict[str, int]
     findings: list[Finding]
     delayed: DelayedSmoother | None = None
+    rows: NDArray[np.intp] | None = None
+    means_s: float | None = None
 
     @property
     def time_s(self) -> Array:
-        """Times of the rows (R,) [s]."""
+        """Times of the rows of the segment [s]."""
         return self.segment.time_s[self.segment.keep]
 
-    def frame(self, header: Sequence[str]) -> pd.DataFrame:
-        """The columns ``header``."""
-        return pd.DataFrame({name: self.columns[name] for name in header})
+    @property
+    def output_time_s(self) -> Array:
+        """Times of the rows of the output (R,) [s]."""
+        return self.time_s if self.rows is None else self.time_s[self.rows]
+
+    def frame(self, header: Sequence[str], first_row: int = 0) -> pd.DataFrame:
+        """The columns ``header``; the index is the number of the row, from ``first_row`` on."""
+        rows = np.arange(len(self.time_s)) if self.rows is None else self.rows
+        index = first_row + rows
+        return pd.DataFrame({name: self.columns[name] for name in header}, index)
 
 
 def compensate_readings(
     readings: ChannelReadings,
     method: CompensationMethod,
     events: Mapping[float, float] | None = None,
+    means: MeanTimes | None = None,
 ) -> Compensated:
     """Compensate channels together.
 
@@ -237,6 +254,8 @@ def compensate_readings(
     events
         Time [s] of each listed event on the clock of the source, and its standard uncertainty [s].
         With an empty mapping, or None, events are detected.
+    means
+        Means that are wanted, by the smoother; None: none.
     """
     y = readings.base
     dt = readings.dt_s
@@ -272,8 +291,43 @@ def compensate_readings(
         switched=readings.others,
         laws=None if readings.flow is None else readings.laws,
         flow=readings.flow,
+        flow_u=0.0 if readings.flow_u is None else readings.flow_u,
+        means=means,
         **options,
     )
+
+
+def result_columns(
+    readings: ChannelReadings, result: Compensated
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Values of some channels, their standard uncertainty and its components.
+
+    Parameters
+    ----------
+    readings
+        Readings of the channels.
+    result
+        Their smoothed temperatures, or means of them.
+
+    Returns
+    -------
+    value, u, noise_u, record_u, common_u
+        Of the samples (N, M), or of the means (W, M): u is the root of the sum of the squares of
+        the last three. The first of them differs from row to row, the second is one error of a
+        channel in the whole log, the third one error of all channels.
+    """
+    value, u = result.determined_estimates()
+    noise_u = result.noise_sd_of_rows()
+    common_u = np.hypot(result.common_sd(), readings.shared_u_K)
+    means = result.means
+    if means is not None:
+        value, u, noise_u = means.mean, means.sd, means.sd_noise
+        common_u = np.hypot(means.common_sd(result.lag_covariance), readings.shared_u_K)
+    record_u = np.sqrt(np.maximum(u**2 - noise_u**2 - common_u**2, 0.0))
+    is_withheld = np.isnan(u)
+    noise_u = np.where(is_withheld, np.nan, noise_u)
+    common_u = np.where(is_withheld, np.nan, common_u)
+    return value, u, noise_u, record_u, common_u
 
 
 def output_columns(
@@ -293,19 +347,20 @@ def output_columns(
     method
         Decides the columns, see its ``output_names``.
     rows
-        Rows of the segment (R,); all by default.
+        Rows of the segment (R,); all by default. Of means all are returned.
 
     Returns
     -------
     columns
-        Arrays (R,): values, u and rates in the unit of the output, the components of u in K for
-        temperatures, in the unit of the column for other quantities.
+        Arrays (R,): values, u with its components, and rates, in the unit of the output.
     decimals
         Number of decimals of each, from its uncertainty; of those without an uncertainty none.
     """
     samples = readings.sample_of_row[rows or slice(None)]
-    temperature, sd = result.determined_estimates()
-    common_u = np.hypot(result.common_sd(), readings.shared_u_K)
+    if result.means is not None:
+        samples = np.arange(len(result.means.sample), dtype=np.intp)
+    of_results = result_columns(readings, result)
+    temperature, sd, noise_u, record_u, common_u = of_results
     rate, rate_sd = result.determined_rates()
     rate_u = np.hypot(rate_sd, readings.gain_u_rel * rate)
     columns: dict[str, Array] = {}
@@ -315,11 +370,13 @@ def output_columns(
         values = {
             names.result: unit.from_base(temperature[samples, i]),
             names.u: unit.per_base * sd[samples, i],
-            names.noise_u: result.sd_noise[samples, i],
-            names.common_u: common_u[samples, i],
-            names.rate: unit.per_base * rate[samples, i],
-            names.rate_u: unit.per_base * rate_u[samples, i],
+            names.noise_u: unit.per_base * noise_u[samples, i],
+            names.record_u: unit.per_base * record_u[samples, i],
+            names.common_u: unit.per_base * common_u[samples, i],
         }
+        if result.means is None:
+            values[names.rate] = unit.per_base * rate[samples, i]
+            values[names.rate_u] = unit.per_base * rate_u[samples, i]
         uncertainty_of = {names.result: names.u, names.rate: names.rate_u}
         for name in method.output_names(unit, column)[1:]:
             columns[name] = values[name]
@@ -358,23 +415,37 @@ def compensate_segment(
     findings = [*segment.findings, *findings]
     numbers: dict[str, Array] = {}
     flags: dict[str, NDArray[np.uint8]] = {}
+    rows: NDArray[np.intp] | None = None
+    means_s: float | None = None
     for group in prepared:
         for readings, result in _smooth_together_or_singly(group, smoother, findings):
             of_group, decimals_of_group = output_columns(readings, result, method, segment.keep)
-            columns |= of_group
             decimals |= decimals_of_group
             samples = readings.sample_of_row[segment.keep]
-            sd = result.determined_estimates()[1][samples]
+            if result.means is None:
+                sd = result.determined_estimates()[1][samples]
+            else:
+                sd = result.means.sd
+                means_s = result.means.length_s
+                if rows is None:
+                    rows = np.searchsorted(samples, result.means.row)
+                    columns = {name: values[rows] for name, values in columns.items()}
+            columns |= of_group
             for i, column in enumerate(readings.columns):
                 flags[column] = result.flags[samples, i]
                 if readings.is_left_out is not None:
                     is_left_out = readings.is_left_out[segment.keep, i]
                     flags[column] = np.where(is_left_out, IMPLAUSIBLE, flags[column])
-                numbers[column] = np.full(3, np.nan)
+                numbers[column] = np.full(4, np.nan)
                 if np.isfinite(sd[:, i]).any():
                     typical = np.nanmedian(sd[:, i])
-                    numbers[column] = np.array([result.noise_sd[i], typical, np.nanmax(sd[:, i])])
-    return CompensatedSegment(segment, columns, numbers, flags, decimals, findings)
+                    largest = np.nanmax(sd[:, i])
+                    numbers[column][:3] = [result.noise_sd[i], typical, largest]
+                if result.resolution_s is not None:
+                    numbers[column][3] = result.resolution_s[i]
+    return CompensatedSegment(
+        segment, columns, numbers, flags, decimals, findings, rows=rows, means_s=means_s
+    )
 
 
 def _smooth_together_or_singly(
@@ -428,6 +499,7 @@ def compensated_segments(
     delay_s: float | None = None,
     position: SegmentPosition | None = None,
     delayed: DelayedSmoother | None = None,
+    means_s: float | None = None,
 ) -> Iterator[CompensatedSegment]:
     """Compensate a source of rows segment by segment, in bounded memory.
 
@@ -447,6 +519,8 @@ def compensated_segments(
         Of the segments, see ``tcdyn.sensors.segments.read_segments``.
     delayed
         With a delay: what earlier blocks passed on; None: nothing.
+    means_s
+        Length of the times whose means are wanted instead of the rows [s]; without a delay.
 
     Notes
     -----
@@ -455,13 +529,25 @@ def compensated_segments(
     method = method or CompensationMethod()
     delayed = delayed or DelayedSmoother()
 
+    start_s: float | None = None
+    keep = slice(None)
+
     def at_once(readings: ChannelReadings) -> tuple[ChannelReadings, Compensated]:
         """Smooth channels from the readings of one segment alone."""
-        return readings, compensate_readings(readings, method, events)
+        means = None
+        if means_s is not None and start_s is not None:
+            rows = readings.sample_of_row[keep]
+            means = MeanTimes(means_s, start_s - readings.start_s, rows)
+        return readings, compensate_readings(readings, method, events, means)
 
+    # a mean next to the end of a segment needs its rows on both sides
+    settling_s = max(channels.lag_s, means_s or 0.0)
     for segment in read_segments(
-        source, columns, channels.lag_s, min_rows, delay_s=delay_s, position=position
+        source, columns, settling_s, min_rows, delay_s=delay_s, position=position
     ):
+        keep = segment.keep
+        if start_s is None:
+            start_s = float(segment.time_s[keep][0])
         if delay_s is None:
             yield compensate_segment(segment, channels, method, at_once)
         else:
@@ -477,9 +563,11 @@ class Totals:
     Attributes
     ----------
     rows, first_s, last_s
-        Rows, and the times of the first and the last [s].
+        Rows that were written, and the times of the first and the last row that was read [s].
+    rows_read
+        Rows that were read.
     numbers
-        By column: noise, typical and largest standard deviation of each segment (3,) [K].
+        By column: the ``numbers`` of each segment.
     not_used
         By column: readings that were treated as missing, and the time of the first [s].
     decimals
@@ -488,9 +576,12 @@ class Totals:
         Findings, the first of each code about each subject.
     metadata
         Metadata of the output.
+    means_s
+        Length of the means that were written [s]; None: rows.
     """
 
     rows: int = 0
+    rows_read: int = 0
     first_s: float = np.inf
     last_s: float = -np.inf
     numbers: dict[str, list[Array]] = field(default_factory=dict)
@@ -498,12 +589,14 @@ class Totals:
     decimals: dict[str, int] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
+    means_s: float | None = None
 
     def add(self, result: CompensatedSegment) -> None:
         """Add one segment."""
         time_s = result.time_s
         self.decimals = {**result.decimals, **self.decimals}
-        self.rows += len(time_s)
+        self.rows += len(result.output_time_s)
+        self.rows_read += len(time_s)
         self.first_s = min(self.first_s, *time_s.tolist()[:1])
         self.last_s = max(self.last_s, *time_s.tolist()[-1:])
         for column, numbers in result.numbers.items():
@@ -516,16 +609,17 @@ class Totals:
         self.findings = unique_by_subject([*self.findings, *result.findings])
 
     def table(self, units: Mapping[str, Unit]) -> pd.DataFrame:
-        """Noise, typical and largest standard deviation of each column; NaN without any.
+        """Noise, typical and largest standard deviation, and resolution of each column, or NaN.
 
-        They are in kelvins; if a column is no temperature, the names of the columns do not say so,
+        The resolution is left out where it is not known, as with a delay. The others are in
+        kelvins; if a column is no temperature, the names of the columns do not say so,
         and ``unit`` is the unit of each.
         """
         rows = []
         are_temperatures = all(unit.is_temperature for unit in units.values())
         suffix = "_K" if are_temperatures else ""
         for column, unit in units.items():
-            each = np.array(self.numbers.get(column) or [np.full(3, np.nan)])
+            each = np.array(self.numbers.get(column) or [np.full(4, np.nan)])
             determined = np.isfinite(each[:, 1])
             if determined.any():
                 each = each[determined]
@@ -534,11 +628,14 @@ class Totals:
                 f"noise_sd{suffix}": np.median(each[:, 0]),
                 f"sd_typical{suffix}": np.median(each[:, 1]),
                 f"sd_max{suffix}": np.max(each[:, 2]),
+                "resolution_s": np.max(each[:, 3]),
             }
             if not are_temperatures:
                 row["unit"] = unit.base_difference
             rows.append(row)
-        return pd.DataFrame(rows)
+        table = pd.DataFrame(rows)
+        is_known = table["resolution_s"].notna().any()
+        return table if is_known else table.drop(columns="resolution_s")
 
 
 def write_segments(
@@ -577,6 +674,9 @@ def write_segments(
         start = start_time(result.segment.data, time, result.segment.time_s)
         if start:
             totals.metadata[START_TIME_KEY] = start
+    if result is not None and result.means_s is not None:
+        totals.means_s = result.means_s
+        totals.metadata["means_s"] = f"{result.means_s:.6g}"
     writer: AbstractContextManager[Callable[[pd.DataFrame], None]]
     if callable(out):
         writer = nullcontext(out)
@@ -584,10 +684,10 @@ def write_segments(
         writer = log_writer(out, header, totals.metadata, text, style=style)
     with writer as write:
         while result is not None:
+            frame = result.frame(header, totals.rows_read)
             totals.add(result)
-            frame = result.frame(header)
             write(frame if callable(out) else rounded_for_file(frame, totals.decimals, out))
-            progress(totals.rows)
+            progress(totals.rows_read)
             result = next(segments, None)
     return totals
 

@@ -172,6 +172,9 @@ class DelayedSmoother:
             split_u_s=readings.split_u_s,
             static_u=readings.static_u_K,
             late_s=readings.late_s,
+            laws=readings.laws,
+            flow=readings.flow,
+            flow_u=0.0 if readings.flow_u is None else readings.flow_u,
         )
         self.origin_row[columns] = first_row + next_origin
         return (readings if running is None else readings.from_sample(origin_sample)), result

@@ -1,167 +1,53 @@
-"""One sensor from several dips: a random-effects estimate of lag and percent times.
+"""One sensor from several dips: lag and percent times, with the spread between dips.
 
-``tcdyn sensor plunge`` with several tables uses it. ``tests/sensors/test_dips.py`` checks the
-coverage of the intervals.
+``tcdyn sensor plunge`` with several tables uses it. ``tests/sensors/test_dips.py`` and
+``python -m tests.sensors.dips_study`` check the coverage of the intervals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from tcdyn.chain import Chain
-from tcdyn.core import Array
+from tcdyn.chain.law import FlowLaw
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Z95, Estimate, mixture_interval95
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.unit_names import is_same_name
-from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_size
+from tcdyn.sensors.dip_flows import (
+    DipFlows,
+    FlowEffects,
+    flow_effects,
+    law_of_chain,
+    without_zero,
+)
+from tcdyn.sensors.file import SensorFile, sensor_file, step_size
+from tcdyn.sensors.moved_dips import MovedDip, moved_dip, pool_moved, quantities_of
 from tcdyn.sensors.plunge import MEDIUM_LIMIT, TAIL_LIMIT
+from tcdyn.sensors.random_effects import RandomEffects, random_effects, with_one_spread
 from tcdyn.sensors.surface_h import BoundaryLayer
 
-# Scale of the half-Cauchy prior of the relative spread between dips: its median. Public dips of one
-# RTD differ by 11 %, a standard deviation of 5 %.
-SPREAD_SCALE = 0.05
-# Values of the relative spread over which the results are averaged: beyond each end lies 1 % of the
-# prior. Twice as many values change u by less than 1 %.
-SPREADS = np.geomspace(1e-3, 3.0, 40)
-MIN_WITHIN_U = 1e-6  # least relative standard uncertainty within a dip
 DIRECTIONS = ("cooling", "heating")
 OTHER_DIRECTIONS = ("falling", "rising")  # of another quantity than temperature
-
-
-@dataclass(frozen=True)
-class RandomEffects:
-    """Distribution of the mean logarithm in each group, as a mixture over the spread.
-
-    Attributes
-    ----------
-    spread
-        Relative standard deviation between dips (T,).
-    weights
-        Probability of each value of ``spread`` (T,).
-    mean, variance
-        Mean logarithm of each group and its variance, at each value of ``spread`` (T, G).
-    common_u
-        Relative standard uncertainty that all dips share.
-    """
-
-    spread: Array
-    weights: Array
-    mean: Array
-    variance: Array
-    common_u: float
-
-    @property
-    def median_spread(self) -> float:
-        """Median of the relative spread between dips."""
-        probability = np.cumsum(self.weights) - 0.5 * self.weights
-        return float(np.interp(0.5, probability, self.spread))
-
-    def mean_estimate(self, group: int = 0) -> Estimate:
-        """The mean of many dips of one group."""
-        return self._estimate_of_logarithm(
-            self.mean[:, group], self.variance[:, group] + self.common_u**2
-        )
-
-    def next_estimate(self) -> Estimate:
-        """One further dip of the first group, which includes the spread between dips."""
-        variance = self.variance[:, 0] + self.spread**2 + self.common_u**2
-        return self._estimate_of_logarithm(self.mean[:, 0], variance)
-
-    def groups_differ(self) -> bool:
-        """Whether the 95 % interval of the difference of the two groups excludes zero."""
-        difference = self.mean[:, 0] - self.mean[:, 1]
-        low, high = self._mixture_interval95(difference, self.variance.sum(axis=1))
-        return not low <= 0 <= high
-
-    def _mixture_interval95(self, mean: Array, variance: Array) -> tuple[float, float]:
-        """95 % interval of the mixture of normal distributions."""
-        parts = [Estimate.normal(m, v**0.5) for m, v in zip(mean, variance)]
-        return mixture_interval95(parts, self.weights.tolist())
-
-    def _estimate_of_logarithm(self, mean: Array, variance: Array) -> Estimate:
-        """Estimate of the quantity whose logarithm has this mixture.
-
-        u is the half width of the 95 % interval over 1.96, so that a normal distribution with this
-        u has an interval of that width.
-        """
-        low, high = np.exp(self._mixture_interval95(mean, variance))
-        value = float(np.exp(self.weights @ mean))
-        return Estimate(value=value, u=(high - low) / (2 * Z95), low95=low, high95=high)
-
-
-def random_effects(
-    dips: Sequence[Estimate],
-    group: Sequence[int] | None = None,
-    common_u: float = 0.0,
-    spread: RandomEffects | None = None,
-) -> RandomEffects:
-    """Combine estimates of a positive quantity from several dips.
-
-    Parameters
-    ----------
-    dips
-        Estimate of each dip (K,).
-    group
-        Group of each dip, from 0 on (K,); None: all are one group.
-    common_u
-        Part of the relative standard uncertainties that all dips share, such as that of the shorter
-        lags of the sensor.
-    spread
-        Result of another quantity of the same dips, whose spread these have too; None: the spread
-        is that of these estimates.
-
-    Returns
-    -------
-    RandomEffects
-        Distribution of the mean of each group; the groups have one spread.
-
-    Notes
-    -----
-    log y_k = mu_g + b_k + e_k, with b_k ~ N(0, tau^2) between dips and e_k ~ N(0, s_k^2) within
-    dip k, s_k = u_k / y_k. mu has a flat prior, tau a half-Cauchy prior of scale ``SPREAD_SCALE``
-    (Gelman 2006, Bayesian Analysis 1, 515). At a given tau, mu is normal with the weights
-    1 / (s_k^2 + tau^2); tau has the marginal likelihood
-    prod (s_k^2 + tau^2)^(-1/2) prod_g V_g^(1/2) exp(-chi^2 / 2), and the result is the mixture over
-    tau (Roever 2020, J. Stat. Softw. 93, 6). In contrast to the interval of Hartung, Knapp, Sidik
-    and Jonkman, which needs no prior, two dips give a useful interval: its Student factor is 12.7.
-
-    The part ``common_u`` is left out of the s_k and added to the results.
-
-    Examples
-    --------
-    >>> pooled = random_effects([Estimate.normal(1.50, 0.01), Estimate.normal(1.60, 0.01)])
-    >>> print(pooled.mean_estimate(), pooled.next_estimate(), sep="; ")
-    1.55 +- 0.12; 1.55 +- 0.20
-    """
-    value = np.array([dip.value for dip in dips])
-    u = np.array([dip.u for dip in dips])
-    if not np.all(value > 0):
-        raise InputError(f"a lag of {value.min():.4g} s", expected="lags above zero")
-    log_value = np.log(value)
-    within_variance = np.maximum((u / value) ** 2 - common_u**2, MIN_WITHIN_U**2)
-    index = np.zeros(len(value), dtype=int) if group is None else np.asarray(group)
-    in_group = index == np.arange(index.max() + 1)[:, None]
-    edges = np.concatenate([[0.0], np.sqrt(SPREADS[1:] * SPREADS[:-1]), [np.inf]])
-    prior = np.diff(np.arctan(edges / SPREAD_SCALE))
-    total = within_variance + SPREADS[:, None] ** 2
-    information = (1 / total) @ in_group.T
-    mean = (log_value / total) @ in_group.T / information
-    residual = log_value - mean[:, index]
-    chi2 = np.sum(residual**2 / total, axis=1)
-    log_likelihood = -0.5 * (np.log(total).sum(axis=1) + np.log(information).sum(axis=1) + chi2)
-    weights = prior * np.exp(log_likelihood - log_likelihood.max())
-    if spread is not None:
-        weights = spread.weights
-    return RandomEffects(SPREADS, weights / weights.sum(), mean, 1 / information, common_u)
+# Least number of dips of which each is compared with the others
+LEAST_TO_COMPARE = 3
+# Probability with which one of the dips of a set is reported to depart from the others by chance.
+# Each of K dips is tested at this probability over K (Bonferroni).
+FALSE_DEPARTURE = 0.05
+# Increase of an inner share, in its standard uncertainties, from which it is reported: by judgement
+SHARE_MOVE_U = 1.0
+SPREAD_LIMIT = "the spread between dips"
+WITHIN_LIMIT = "noise and model of a dip"
+LAW_LIMIT = "exponent and inner share, which dips at more flows would determine"
 
 
 def pool_dips(
-    dips: Sequence[SensorFile], sensor: str = "sensor", film: BoundaryLayer | None = None
+    dips: Sequence[SensorFile],
+    sensor: str = "sensor",
+    film: BoundaryLayer | None = None,
+    flows: DipFlows | None = None,
 ) -> SensorFile:
     """Combine several plunges of one sensor.
 
@@ -173,12 +59,15 @@ def pool_dips(
         Name of the sensor.
     film
         The boundary layer; its h goes into the file.
+    flows
+        Flow of each dip; None: all dips are at one flow.
 
     Returns
     -------
     SensorFile
         Lag and percent times are those of one further dip or use: their uncertainty includes the
-        spread between dips. The mean of many dips is ``fit["mean_lag_s"]``.
+        spread between dips. The mean of many dips is ``fit["mean_lag_s"]``. With ``flows`` they are
+        those at ``flows.at``, and the file has the law of the lag.
 
     Raises
     ------
@@ -188,42 +77,32 @@ def pool_dips(
 
     Notes
     -----
+    The scale of all times of a dip differs by one factor from that of the next, of which the
+    logarithm has the standard deviation tau. Lag and percent times share tau; it is estimated from
+    the one that determines it best, see
+    :func:`~tcdyn.sensors.random_effects.with_one_spread`; with ``flows`` from the lag.
+
     The chain is that of the dip with the smallest relative uncertainty, with all its times scaled
     to the combined lag. Dips of one thermocouple may be in different units, each with the unit in
     the name of its column; the sensor has the column of the first.
     """
     _check_same_sensor(dips)
     column = dips[0].columns[0]
-    filter_lag_s = dips[0].conditioning.lag_s
     lags = [Estimate(**dip.fit["lag_s"]) for dip in dips]
     # a dip whose best structure has no short lags does not show that there are none
     common_u_s = max(dip.fit.get("tail_u_s", 0.0) for dip in dips)
-    common_u = common_u_s / float(np.mean([estimate.value for estimate in lags]))
-    pooled = random_effects(lags, common_u=common_u)
-    lag = pooled.next_estimate()
-    relative_u = [estimate.u / estimate.value for estimate in lags]
-    best = dips[int(np.argmin(relative_u))].chains[0]
-    chain = _scale_times(best, lag.value / (best.lag_s - filter_lag_s))
-    largest_shares = [max(dip.chains[0].taus_s) / dip.chains[0].lag_s for dip in dips]
+    effects = None if flows is None else flow_effects(lags, flows, common_u_s)
+    moved = [moved_dip(dip, effects, k) for k, dip in enumerate(dips)]
+    pooled = pool_moved(moved, common_u_s, effects)
+    lag = pooled.lag.next_estimate()
+    largest_shares = [max(dip.chain.taus_s) / dip.chain.lag_s for dip in moved]
     within_split_u_s = np.sqrt(np.mean([dip.split_u_s[0] ** 2 for dip in dips]))
-    split_u_s = float(np.hypot(within_split_u_s, lag.value * np.std(largest_shares, ddof=1)))
-    times = {
-        key: _pooled_time([dip.times[dip.columns[0]][key] for dip in dips], common_u_s, pooled)
-        for key in SHARES
-    }
-    within = float(np.sqrt(max(np.mean(np.square(relative_u)) - common_u**2, 0.0)))
-    between = pooled.median_spread
-    by_medium = any(dip.fit.get("limited_by") == MEDIUM_LIMIT for dip in dips)
-    shared_limit = MEDIUM_LIMIT if by_medium else TAIL_LIMIT
-    causes = {
-        "the spread between dips": between,
-        "noise and model of a dip": within,
-        shared_limit: common_u,
-    }
-    heating = [int(step_size(dip.fit) > 0) for dip in dips]
+    split_u_s = np.hypot(within_split_u_s, lag.value * np.std(largest_shares, ddof=1))
+    split_u_s = float(np.hypot(split_u_s, pooled.split_u_s))
     unit = dips[0].fit.get("unit", "K")
     directions = DIRECTIONS if unit == "K" else OTHER_DIRECTIONS
-    rows = [
+    heating = [int(step_size(dip.fit) > 0) for dip in dips]
+    rows: list[dict[str, Any]] = [
         {
             "file": ", ".join(source.file for source in dip.inputs),
             "direction": directions[is_heating],
@@ -231,70 +110,264 @@ def pool_dips(
         }
         for dip, dip_lag, is_heating in zip(dips, lags, heating)
     ]
+    by_cause = _uncertainty_by_cause(dips, lags, pooled.lag, effects)
     fit: dict[str, Any] = {
         "lag_s": lag.model_dump(),
-        "mean_lag_s": pooled.mean_estimate().model_dump(),
-        "between_dips_s": between * lag.value,
-        "within_dip_s": within * lag.value,
-        "limited_by": max(causes, key=lambda cause: causes[cause]),
+        "mean_lag_s": pooled.lag.mean_estimate().model_dump(),
+        "between_dips_s": pooled.lag.median_spread * lag.value,
+        "within_dip_s": by_cause[WITHIN_LIMIT] * lag.value,
+        "limited_by": max(by_cause, key=lambda cause: by_cause[cause]),
         "dips": rows,
     }
+    if common_u_s > 0:
+        fit["tail_u_s"] = common_u_s
     findings: list[Finding] = []
-    by_direction = random_effects(lags, heating, common_u) if len(set(heating)) == 2 else None
-    if by_direction is not None and by_direction.groups_differ():
-        cooling_lag = by_direction.mean_estimate(0)
-        heating_lag = by_direction.mean_estimate(1)
-        fit[f"{directions[1]}_lag_s"] = heating_lag.model_dump()
-        fit[f"{directions[0]}_lag_s"] = cooling_lag.model_dump()
-        finding = warning(
-            "sensor.directions",
-            subject=column,
-            heating_s=heating_lag.value,
-            cooling_s=cooling_lag.value,
-        )
-        findings.append(finding.in_unit(unit))
+    if flows is not None and effects is not None:
+        of_flows, flow_findings = _results_of_flows(rows, effects, pooled.law, column)
+        fit |= of_flows
+        findings += flow_findings
+    findings += _compare_dips(rows, moved, lags, common_u_s, flows, column)
+    moved_lags = [dip.lag for dip in moved]
+    of_directions, direction_findings = _compare_directions(
+        moved_lags, heating, pooled.lag.common_u, unit, column
+    )
+    fit |= of_directions
+    findings += direction_findings
     if film is not None:
         fit |= film.to_fit(lag)
     for dip in dips:
         findings += [f.at(dip.inputs[0].file) if dip.inputs else f for f in dip.findings]
     return sensor_file(
         sensor,
-        {column: chain},
+        {column: pooled.chain},
         "plunge",
         np.array([[lag.u**2]]),
         [min(split_u_s, lag.value)],
-        structure=dips[int(np.argmin(relative_u))].chain.structure,
+        structure=dips[pooled.best].chain.structure,
         lags={column: lag},
-        times={column: times},
+        times={column: pooled.times},
         inputs=[source for dip in dips for source in dip.inputs],
         fit=fit,
         findings=findings,
+        law=pooled.law,
     )
 
 
-def _pooled_time(dips: Sequence[Estimate], common_u_s: float, lags: RandomEffects) -> Estimate:
-    """Return a percent time of one further dip.
+def _uncertainty_by_cause(
+    dips: Sequence[SensorFile],
+    lags: Sequence[Estimate],
+    pooled: RandomEffects,
+    effects: FlowEffects | None,
+) -> dict[str, float]:
+    """Relative standard uncertainty of the lag by its cause.
 
     Parameters
     ----------
-    dips
-        The time of each dip.
+    dips, lags
+        The dips and their lags [s].
+    pooled
+        The combined lag.
+    effects
+        Posterior of the law of the lag; None: all dips are at one flow.
+    """
+    relative_u = [lag.u / lag.value for lag in lags]
+    within = float(np.sqrt(max(np.mean(np.square(relative_u)) - pooled.common_u**2, 0.0)))
+    by_medium = any(dip.fit.get("limited_by") == MEDIUM_LIMIT for dip in dips)
+    shared_limit = MEDIUM_LIMIT if by_medium else TAIL_LIMIT
+    return {
+        SPREAD_LIMIT: pooled.median_spread,
+        WITHIN_LIMIT: within,
+        shared_limit: pooled.common_u,
+        LAW_LIMIT: 0.0 if effects is None else effects.lag_u_of_law,
+    }
+
+
+def _compare_dips(
+    rows: Sequence[dict[str, Any]],
+    moved: Sequence[MovedDip],
+    lags: Sequence[Estimate],
+    common_u_s: float,
+    flows: DipFlows | None,
+    column: str,
+) -> list[Finding]:
+    """Compare each dip with the others: the lag without it, and a warning for one that departs.
+
+    Parameters
+    ----------
+    rows
+        Entry of each dip in ``fit``, which gets the lag of one further dip without it,
+        ``without_s``.
+    moved
+        The dips at the flow of the result.
+    lags
+        Lag of each dip at its own flow [s].
     common_u_s
         Standard uncertainty that all dips share [s].
-    lags
-        The lags of the same dips.
+    flows
+        Flow of each dip; None: all are at one flow.
+    column
+        The sensor's column.
 
     Notes
     -----
-    What differs between dips (depth, speed, bath) changes all times of the sensor. A dip whose time
-    is uncertain says little about the spread of that time; that of the lags is then larger, and is
-    used.
+    The p-value of each dip is that of the predictive distribution of the others. The smallest of K
+    is below ``FALSE_DEPARTURE`` / K with at most that probability if all dips are of one sensor.
+    ``python -m tests.sensors.dips_study dips`` prints how often.
     """
-    common_u = common_u_s / float(np.mean([estimate.value for estimate in dips]))
-    own = random_effects(dips, common_u=common_u)
-    if own.median_spread < lags.median_spread:
-        own = random_effects(dips, common_u=common_u, spread=lags)
-    return own.next_estimate()
+    if len(lags) < LEAST_TO_COMPARE:
+        return []
+    p_values = []
+    for k, lag in enumerate(lags):
+        others = [j for j in range(len(lags)) if j != k]
+        if flows is None:
+            quantities = quantities_of([moved[j] for j in others], common_u_s)
+            without = predicted = with_one_spread(*quantities)[0]
+        else:
+            effects = flow_effects([lags[j] for j in others], flows.of(others), common_u_s)
+            without = effects.lag_at(flows.at)
+            predicted = effects.lag_at(flows.values[k])
+        rows[k]["without_s"] = without.next_estimate().model_dump()
+        p_values.append(predicted.departure_p(lag))
+    k = int(np.argmin(p_values))
+    if p_values[k] >= FALSE_DEPARTURE / len(lags):
+        return []
+    finding = warning(
+        "sensor.dip_departs",
+        subject=column,
+        dip=rows[k]["file"] or f"dip {k + 1}",
+        lag_s=lags[k].value,
+        u_s=lags[k].u,
+        without_s=rows[k]["without_s"]["value"],
+        without_u_s=rows[k]["without_s"]["u"],
+        p_value=p_values[k],
+    )
+    return [finding]
+
+
+def _compare_directions(
+    lags: Sequence[Estimate],
+    heating: Sequence[int],
+    common_u: float,
+    unit: str,
+    column: str,
+) -> tuple[dict[str, Any], list[Finding]]:
+    """Compare the lags of heated and cooled dips: entries of ``fit``, and a warning.
+
+    Parameters
+    ----------
+    lags
+        Lag of each dip at the flow of the result [s].
+    heating
+        1 for each dip that was heated, 0 for one that was cooled.
+    common_u
+        Relative standard uncertainty that all dips share.
+    unit
+        Unit of differences of the readings.
+    column
+        The sensor's column.
+    """
+    if len(set(heating)) < 2:
+        return {}, []
+    by_direction = random_effects(lags, heating, common_u)
+    if not by_direction.groups_differ():
+        return {}, []
+    falling, rising = DIRECTIONS if unit == "K" else OTHER_DIRECTIONS
+    cooling_lag = by_direction.mean_estimate(0)
+    heating_lag = by_direction.mean_estimate(1)
+    entries = {
+        f"{rising}_lag_s": heating_lag.model_dump(),
+        f"{falling}_lag_s": cooling_lag.model_dump(),
+    }
+    finding = warning(
+        "sensor.directions",
+        subject=column,
+        heating_s=heating_lag.value,
+        cooling_s=cooling_lag.value,
+    )
+    return entries, [finding.in_unit(unit)]
+
+
+def _results_of_flows(
+    rows: Sequence[dict[str, Any]], effects: FlowEffects, law: FlowLaw | None, column: str
+) -> tuple[dict[str, Any], list[Finding]]:
+    """How the lag follows the flow: entries of ``fit``, and findings.
+
+    Parameters
+    ----------
+    rows
+        Entry of each dip in ``fit``, which gets its ``flow``.
+    effects
+        Posterior of the law of the lag.
+    law
+        The law of the file; None: its chain cannot have one.
+    column
+        The sensor's column.
+    """
+    flows = effects.flows
+    for row, value in zip(rows, flows.values):
+        row["flow"] = value
+    film, inner = effects.parts_s()
+    entries = {
+        "flow": flows.at,
+        "exponent": effects.exponent.model_dump(),
+        "inner_share": effects.inner_share.model_dump(),
+        "film_s": film.model_dump(),
+        "inner_s": inner.model_dump(),
+    }
+    findings = []
+    if effects.contradicts:
+        finding = warning(
+            "sensor.dips_law",
+            subject=column,
+            quantity=flows.quantity,
+            exponent=flows.exponent[0],
+            exponent_u=flows.exponent[1],
+            p_value=effects.misfit_p,
+        )
+        findings.append(finding)
+    if law is None:
+        findings.append(_no_law(column, flows))
+    return entries, findings
+
+
+def dip_with_law(dip: SensorFile, flows: DipFlows) -> SensorFile:
+    """The sensor of one dip, with the law of its lag as it is known without further dips.
+
+    Parameters
+    ----------
+    dip
+        Result of :func:`~tcdyn.sensors.plunge.plunge_sensor`.
+    flows
+        Its flow, and what is known of exponent and inner share.
+
+    Returns
+    -------
+    SensorFile
+        The sensor. A warning says where the response does not allow a film as large as that of
+        the inner share.
+    """
+    column = dip.columns[0]
+    chain = without_zero(dip.chains[0])
+    if chain is None:
+        return dip.model_copy(update={"findings": [*dip.findings, _no_law(column, flows)]})
+    stated = flows.prior_law
+    law = law_of_chain(stated, chain)
+    sensor_s = chain.lag_s - chain.conditioning.lag_s
+    share = 1 - (1 - law.inner_share) * sum(chain.taus_s) / sensor_s
+    findings = list(dip.findings)
+    if share - stated.inner_share > SHARE_MOVE_U * stated.inner_share_u:
+        finding = info("sensor.dip_film", subject=column, share=share, stated=stated.inner_share)
+        findings.append(finding)
+    channel = dip.chain.channels[column].model_copy(
+        update={"taus_s": chain.taus_s, "zero_s": chain.zero_s}
+    )
+    chains = dip.chain.model_copy(update={"channels": {column: channel}})
+    return dip.model_copy(update={"law": law, "chain": chains, "findings": findings})
+
+
+def _no_law(column: str, flows: DipFlows) -> Finding:
+    """The warning that the chain of a dip cannot follow a flow."""
+    return warning("sensor.dip_no_law", subject=column, quantity=flows.quantity, value=flows.at)
 
 
 def _check_same_sensor(dips: Sequence[SensorFile]) -> None:
@@ -323,22 +396,11 @@ def _check_same_sensor(dips: Sequence[SensorFile]) -> None:
     if any(dip.conditioning != dips[0].conditioning for dip in dips):
         raise InputError("the dips have different filters", expected="one filter")
     checksums = [source.sha256 for dip in dips for source in dip.inputs]
-    if len(set(checksums)) < len(checksums):
+    # of data in memory the results tell: two records never have the same noise
+    results = [repr(dip.fit) for dip in dips if "entry_s" in dip.fit]
+    if len(set(checksums)) < len(checksums) or len(set(results)) < len(results):
         raise InputError(
             "two of the dips are one file, or have the same content",
             expected="different dips",
             remedy="give each dip once",
         )
-
-
-def _scale_times(chain: Chain, factor: float) -> Chain:
-    """The chain with all its times multiplied by ``factor``; its filter stays."""
-    pair = chain.pair and (factor * chain.pair[0], chain.pair[1])
-    return replace(
-        chain,
-        taus_s=tuple(factor * tau for tau in chain.taus_s),
-        zero_s=factor * chain.zero_s,
-        delay_s=factor * chain.delay_s,
-        cement_s=factor * chain.cement_s,
-        pair=pair,
-    )

@@ -19,11 +19,11 @@ from pydantic import Field, computed_field, model_validator
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.chain import STATED_SPLIT_SHARE
-from tcdyn.chain.law import FlowLaw
+from tcdyn.chain.law import AnyLaw, TableLaw
 from tcdyn.core import Array
 from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import DAMAGED, InputError, utf8
-from tcdyn.core.estimate import Estimate
+from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, estimate_columns
 from tcdyn.io.checksum import checksum_findings, with_checksum
@@ -48,6 +48,7 @@ from tcdyn.series.units import is_match
 if TYPE_CHECKING:
     from tcdyn.identification import Identified
 
+COVERAGE_FACTOR = 2  # of U, for about 95 % (GUM, 6.3.3)
 # Version of the file; a change of its keys needs another number.
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
 # Shares of the step whose times are reported (VDI/VDE 3522).
@@ -76,6 +77,9 @@ LIMITED_BY = {
 LEVEL_KEYS = ("step", "noise", "fluctuation", "logger")
 # Methods that give a lag; the words are in the files.
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
+
+# Share by which a stated lag may differ from that of a table of lags: both are rounded
+TABLE_REL = 0.02
 
 
 class SensorChains(StrictModel):
@@ -152,7 +156,7 @@ class SensorFile(Result, StrictModel):
     conditioning: Conditioning = NO_CONDITIONING
     times: dict[str, dict[str, Estimate]] = Field(default_factory=dict)
     static: dict[str, StaticLine] = Field(default_factory=dict)
-    law: FlowLaw | None = None
+    law: AnyLaw | None = None
     fit: dict[str, Any] = Field(default_factory=dict)
     reading: list[dict[str, Any]] = Field(default_factory=list)
     findings: list[Finding] = Field(default_factory=list)
@@ -279,22 +283,20 @@ class SensorFile(Result, StrictModel):
             lag = self.chain.channels[name].lag_s
             if "lag_s" in self.fit:
                 lag = Estimate(**self.fit["lag_s"])
-            use = " for one further dip or use" if dips else ""
+            use = ", for one further dip or use" if dips else ""
             times_of_chain = chain.summary().partition("; lag in all")[0]
-            lines.append(f"  {name}: lag {lag.text('s')}{use} ({times_of_chain})")
+            lines.append(f"  {name}: {_expanded('lag', lag)}{use} ({times_of_chain})")
             if limited_by:
                 lines.append(f"    limited by {limited_by}")
-            times = [
-                f"{key.removesuffix('_s').replace('632', '63.2')} {estimate.text('s')}"
-                for key, estimate in self.times.get(name, {}).items()
-            ]
-            if times:
-                lines.append("    " + ", ".join(times))
+            for key, estimate in self.times.get(name, {}).items():
+                share = key.removesuffix("_s").replace("632", "63.2")
+                lines.append(f"    {_expanded(share, estimate)}")
         if self.law is not None:
             lines.append(f"  {self.law.summary()}")
         for dip in dips:
             lag_text = Estimate(**dip["lag_s"]).text("s")
-            lines.append(f"  {dip['file'] or 'dip'}: {dip['direction']}, lag {lag_text}")
+            flow_text = f" at {dip['flow']:g}" if "flow" in dip else ""
+            lines.append(f"  {dip['file'] or 'dip'}: {dip['direction']}, lag {lag_text}{flow_text}")
         unit_text = f" {self.fit['unit']}" if "unit" in self.fit else ""
         for key, value in self.fit.items():
             if key == "lag_s":
@@ -449,6 +451,12 @@ def sensor_file(
     )
 
 
+def _expanded(name: str, time: Estimate) -> str:
+    """Text of a time with its standard uncertainty and its expanded uncertainty U = 2 u."""
+    expanded = rounded_texts(time.value, COVERAGE_FACTOR * time.u)[1]
+    return f"{name} {time.text('s')}, U = {expanded} s (k = {COVERAGE_FACTOR})"
+
+
 def step_size(fit: Mapping[str, Any]) -> float:
     """Size of the step in the ``fit`` of a plunge, in K or the unit of another quantity.
 
@@ -552,14 +560,25 @@ def step_passes(chain: Chain) -> Array:
             break
         t = 2 * t
         response = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
+    return np.array(percent_times(t, response))
+
+
+def percent_times(t: Array, response: Array) -> list[float]:
+    """Times (3,) [s] at which a response (N,) at ``t`` (N,) first passes each of ``SHARES``.
+
+    The first time where the response begins above the share.
+
+    >>> percent_times(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.8, 1.0]))[0]
+    0.625
+    """
     times = []
     for share in SHARES.values():
         k = int(np.argmax(response >= share))
         if k == 0:
-            times.append(t[0])
+            times.append(float(t[0]))
             continue
-        times.append(np.interp(share, response[k - 1 : k + 1], t[k - 1 : k + 1]))
-    return np.array(times)
+        times.append(float(np.interp(share, response[k - 1 : k + 1], t[k - 1 : k + 1])))
+    return times
 
 
 @with_named_arguments
@@ -572,7 +591,7 @@ def specified_sensor(
     *,
     t63_s: tuple[float, float] | None = None,
     is_bare: bool = False,
-    law: FlowLaw | None = None,
+    law: AnyLaw | None = None,
     **more: Any,
 ) -> SensorFile:
     """Build a sensor whose lags the user specifies: one chain for all ``columns``.
@@ -659,6 +678,12 @@ def specified_sensor(
     )
     if law is not None:
         law.first_lag_s(chain, np.ones(1))
+    if isinstance(law, TableLaw) and abs(chain.lag_s - law.lag_s) > TABLE_REL * law.lag_s:
+        raise InputError(
+            f"a lag of {chain.lag_s:.4g} s, but {law.lag_s:.4g} s in the table of lags at "
+            f"{law.quantity} = {law.at:g}",
+            expected="one lag",
+        )
     lag_variance = sum(u * u for _, u in (*taus, delay_s))
     split_variance = sum(u * u for _, u in (*taus[1:], delay_s))
     if is_stated:

@@ -7,10 +7,10 @@ estimators are in the other modules of the package. Tests: ``tests/sensors/test_
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -19,22 +19,25 @@ from numpy.typing import ArrayLike
 from tcdyn.core import Array
 from tcdyn.core.arguments import as_names, with_named_arguments
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, unique_by_subject, warning
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, info, unique_by_subject, warning
 from tcdyn.core.options import options_of
 from tcdyn.io.read import sha256_of_file
 from tcdyn.rig.record import InputFile
 from tcdyn.sensors.current import current_sensor
-from tcdyn.sensors.dips import pool_dips
+from tcdyn.sensors.dips import dip_with_law, pool_dips
 from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.medium import Surroundings
 from tcdyn.sensors.noise import noise_sensor
 from tcdyn.sensors.options import CurrentOptions, DipOptions, PairOptions
 from tcdyn.sensors.pair import OFFSET_SD_K, pair_sensor
 from tcdyn.sensors.plunge import plunge_sensor
+from tcdyn.sensors.surface_h import BoundaryLayer
 from tcdyn.series import SeriesReport, open_source
 from tcdyn.series.joined import files_of_log
 from tcdyn.series.options import TableOptions
 from tcdyn.series.read import read_series
-from tcdyn.series.series import ONE_PIECE
+from tcdyn.series.series import DIP, ONE_PIECE, Policy
 from tcdyn.series.units import (
     Unit,
     check_declared,
@@ -45,6 +48,10 @@ from tcdyn.series.units import (
     units_of,
 )
 
+# Standard uncertainty of a lag in another stream over the lag, from which there is a warning; by
+# judgement.
+UNKNOWN_SHARE = 0.5
+ABOUT_MEANS = ("series.averages",)  # findings about rows that are means
 # A file, files of one log, a DataFrame with a time, a Series over time, or a tuple of times [s] and
 # arrays.
 TableLike = str | Path | Sequence[str | Path] | pd.DataFrame | pd.Series | tuple[ArrayLike, ...]
@@ -86,6 +93,15 @@ class Readings:
         """Unit of differences of the first column: K for all temperatures."""
         return self.units[0].base_difference if self.units else "K"
 
+    def without_means(self) -> Readings:
+        """The same, of which a fit removes the means of the rows: nothing is to be said of them."""
+        findings = tuple(f for f in self.findings if f.code not in ABOUT_MEANS)
+        has_means = len(findings) < len(self.findings) and self.report.averages_s
+        if has_means:
+            finding = info("sensor.dip_means", averages_s=self.report.averages_s)
+            findings = (*findings, finding)
+        return replace(self, findings=findings)
+
     def repeats_values(self, name: str) -> bool:
         """Whether a column was repeated between its new values."""
         of_column = [column for column in self.report.columns if column.name == name]
@@ -100,6 +116,7 @@ def read_readings(
     *,
     several: bool = False,
     needs_millivolts: bool = True,
+    policy: Policy = ONE_PIECE,
 ) -> Readings:
     """Read columns of a table of any kind.
 
@@ -118,6 +135,8 @@ def read_readings(
         Whether a pattern may match several columns.
     needs_millivolts
         Whether ``couple`` or ``cold_junction`` without a column in mV is an error.
+    policy
+        What is tolerated in the rows.
 
     Raises
     ------
@@ -180,7 +199,7 @@ def read_readings(
         table.units,
         needs_millivolts=needs_millivolts,
     )
-    series = read_series(source, units, names[len(temperatures) :], ONE_PIECE)
+    series = read_series(source, units, names[len(temperatures) :], policy)
     for name in temperatures:
         logged = units[name].from_base(series.readings[name])
         findings += unit_findings(name, units[name], logged)
@@ -237,6 +256,8 @@ def sensor_from_dip(
     options
         How the dip is read and evaluated: the fields of :class:`tcdyn.sensors.options.DipOptions`,
         such as ``entry_s=(12.3, 0.02)``, ``medium="water"``, ``diameter_mm=3`` and ``unit="degF"``.
+        With ``at=["speed_m_s=1", "speed_m_s=4"]``, the flow of each dip, the sensor has the law of
+        its lag.
 
     Returns
     -------
@@ -262,6 +283,8 @@ def sensor_from_dip(
     """
     settings = options_of(DipOptions, options, "sensor_from_dip")
     film = settings.boundary_layer
+    flows = settings.flows
+    other = settings.other_stream
     tables = data if isinstance(data, list) else [data]
     entries: Sequence[tuple[float, float] | None] = settings.entries_s or [None] * len(tables)
     if len(entries) != len(tables):
@@ -270,15 +293,25 @@ def sensor_from_dip(
             expected="once for each dip, or not at all",
             parameters={"entry_s": None},
         )
+    if flows is not None and len(flows.values) != len(tables):
+        raise InputError(
+            f"{{at}} is given {len(flows.values)} times for {len(tables)} dips",
+            expected="once for each dip, or not at all",
+            parameters={"at": None},
+        )
     dips = []
     units: list[Unit] = []
     for table, entry in zip(tables, entries):
         # of several dips only some may be in mV
         dip = read_readings(
-            table, _as_list(column), options=settings, needs_millivolts=len(tables) == 1
+            table,
+            _as_list(column),
+            options=settings,
+            needs_millivolts=len(tables) == 1,
+            policy=DIP,
         )
         units += dip.units
-        if film is not None or settings.junction != "axis":
+        if film is not None or settings.junction != "insulated":
             check_temperatures(dip, "{medium} or {junction}")
 
         fit = partial(
@@ -292,16 +325,35 @@ def sensor_from_dip(
             medium_s=settings.lag_of_medium_s,
             film=film,
             junction=settings.junction,
+            mean_s=settings.averages_s or 0.0,
             unit=dip.unit,
             inputs=list(dip.inputs),
         )
-        dips.append(_with_reader_findings(dip, fit))
+        dips.append(_with_reader_findings(dip.without_means(), fit))
     if len(dips) == 1:
-        return dips[0]
+        one = dips[0] if flows is None else dip_with_law(dips[0], flows)
+        return _with_other_stream(one, film, other)
     if settings.couple or settings.cold:
         check_millivolts(units)
-    pooled = pool_dips(dips, name, film)
+    pooled = _with_other_stream(pool_dips(dips, name, film, flows), film, other)
     return pooled.model_copy(update={"reading": [each for dip in dips for each in dip.reading]})
+
+
+def _with_other_stream(
+    sensor: SensorFile, film: BoundaryLayer | None, other: tuple[Surroundings, float] | None
+) -> SensorFile:
+    """The sensor with its lag and times in another stream in ``fit``; as it is without one."""
+    if film is None or other is None:
+        return sensor
+    column = sensor.columns[0]
+    lag = Estimate(**sensor.fit["lag_s"])
+    there = film.in_other(lag, sensor.times[column], *other)
+    found = list(other[0].findings())
+    to_lag = Estimate(**cast("dict[str, float]", there["to_lag_s"]))
+    if to_lag.u > UNKNOWN_SHARE * to_lag.value:
+        found.append(warning("sensor.other_stream", subject=column, lag_s=to_lag.value, u=to_lag.u))
+    update = {"fit": sensor.fit | there, "findings": [*sensor.findings, *found]}
+    return sensor.model_copy(update=update)
 
 
 @with_named_arguments
@@ -377,6 +429,8 @@ def sensor_from_pair(
         speed=table.values[2] if settings.speed else None,
         changes_s=settings.flow_steps_s,
         exponent=exponent,
+        inner_share=settings.prior_of_inner_share,
+        quantity=settings.speed or "speed",
         bare=settings.bare,
         repeats_values=any(table.repeats_values(name) for name in table.names),
         offset_sd=OFFSET_SD_K if table.units[0].is_temperature else None,

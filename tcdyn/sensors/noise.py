@@ -149,6 +149,7 @@ def noise_sensor(
     values = []
     us = []
     model_us = []
+    random_variances = []  # of the lags, from the length of the record
     for theta, data in zip(fits, structures):
         covariance = _theta_covariance(theta, data)
         quantities = _lag_and_step_times(theta[2:], data.conduction)
@@ -161,6 +162,7 @@ def noise_sensor(
         model_variance = (MODEL_REL * quantities) ** 2 + inner_u_s**2
         us.append(np.sqrt(np.maximum(variance, 0.0) + model_variance))
         model_us.append(float(np.sqrt(model_variance[0])))
+        random_variances.append(max(float(variance[0]), 0.0))
     determined = np.array([u[0] <= value[0] for u, value in zip(us, values)])
     determined[0] = True  # one lag is the least
     weights = weights * determined / np.sum(weights * determined)
@@ -181,6 +183,8 @@ def noise_sensor(
         "fluctuation_K": float(np.exp(0.5 * best[0])),
         "logger_K": float(np.exp(0.5 * best[1])),
         "probability_P2": float(weights[1:].sum()),
+        # what is not random differs little between records of one sensor
+        "model_u_s": max(lag.u**2 - float(weights @ random_variances), 0.0) ** 0.5,
         "limited_by": "the length of the record"
         if lag.u**2 > 2 * model_us[top] ** 2
         else "the model of white fluctuations and of the sensor",

@@ -24,6 +24,7 @@ from scipy.linalg import LinAlgError, cholesky_banded, solve_banded
 from scipy.optimize import least_squares
 
 from tcdyn.chain import NO_CONDITIONING
+from tcdyn.chain.law import FlowLaw
 from tcdyn.chain.logger_noise import estimate_logger_noise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -37,10 +38,19 @@ from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residu
 from tcdyn.sensors.step_fits import white_noise_K
 from tcdyn.series.updates import even_spacing
 
-# Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: mean and standard deviation
-# of its prior. h of a wire in crossflow rises about with the root of the speed; the standard
-# deviation is chosen by judgement.
+# Exponent n of the film with the speed, h ~ speed^n: mean and standard deviation of its prior. h of
+# a wire in crossflow rises about with the root of the speed; the standard deviation is chosen by
+# judgement.
 EXPONENT = (0.5, 0.1)
+# Share of the first lag that is inside the sensor and does not follow the speed: mean and standard
+# deviation of its prior; of bare wires there is none. By judgement, as of ``tcdyn sensor new``
+INNER_SHARE = (0.2, 0.1)
+NO_SHARE = (0.0, 0.0)
+MIN_SHARE_SD = 1e-6  # least standard deviation of that prior in a fit: a matter of rounding only
+LARGEST_SHARE = 0.95  # largest inner share that is tried: with one there would be no film
+# Departure of the exponent that the readings give from its prior, in standard deviations, beyond
+# which both contradict each other: 1 % by chance
+CONTRADICTED = 2.58
 MAX_EXPONENT = 5.0  # largest mean and standard deviation of that prior; chosen by judgement
 MIN_EXPONENT_SD = 1e-3  # least standard deviation of that prior; chosen by judgement
 # Rows in the shorter lag that the likelihood gets: more rows add only noise; chosen by judgement.
@@ -116,6 +126,8 @@ class PairData:
         Number of segments.
     exponent
         Prior of the exponent n, mean and standard deviation.
+    inner_share
+        Prior of the share of the first lags that does not follow the speed.
     intervals
         Intervals between rows with a new value of both channels, where one channel has new values
         in some rows only; None where each row has both.
@@ -135,6 +147,7 @@ class PairData:
     log_speed: Array
     segments: int
     exponent: tuple[float, float]
+    inner_share: tuple[float, float] = NO_SHARE
     intervals: Intervals | None = None
     second_lags: bool = False
     gain: tuple[float, float] = (0.0, GAIN_SD)
@@ -142,20 +155,23 @@ class PairData:
 
     def prior_residuals(self, theta: Array) -> Array:
         """Return the residuals of the priors of all but the first lags (P - 2 segments,)."""
-        mean, sd = self.exponent
+        share, share_sd = self.inner_share
+        law_mean = np.array([self.exponent[0], share])
+        law_sd = np.array([self.exponent[1], max(share_sd, MIN_SHARE_SD)])
         gain, offset = theta[2 * self.segments : self.before_exponent]
         scale = self.second_scale[1]
         offset_sd = 1.0 if self.offset_sd is None else self.offset_sd / max(scale, MIN_SCALE)
         n_second = 2 * self.second_lags
         after_exponent = len(theta) - n_second
-        exponents = theta[self.before_exponent : after_exponent]
+        law = theta[self.before_exponent : after_exponent]
+        size = len(law)  # exponent and share, or none
         first = theta[2 * self.segments - 2 : 2 * self.segments][:n_second]
         log_ratio = theta[after_exponent:] - first
         mean_ratio, sd_ratio = LOG_SECOND_RATIO
         return np.r_[
             (gain - self.gain[0]) / self.gain[1],
             offset / offset_sd,
-            (exponents - mean) / sd,
+            (law - law_mean[:size]) / law_sd[:size],
             (log_ratio - mean_ratio) / sd_ratio,
         ]
 
@@ -187,6 +203,8 @@ def pair_sensor(
     speed: Array | None = None,
     changes_s: Sequence[float] = (),
     exponent: tuple[float, float] = EXPONENT,
+    inner_share: tuple[float, float] | None = None,
+    quantity: str = "speed",
     bare: bool = False,
     repeats_values: bool = False,
     offset_sd: float | None = OFFSET_SD_K,
@@ -210,6 +228,11 @@ def pair_sensor(
         Times of steps of the flow, on the clock of ``time_s`` [s].
     exponent
         Prior of n, mean and standard deviation.
+    inner_share
+        Share of the first lags that does not follow the speed, mean and standard deviation; None:
+        ``INNER_SHARE``, of bare wires zero.
+    quantity
+        Name of the speed with its unit, for the law in the file.
     bare
         Both are bare wires, which have one lag each: second lags are not considered.
     repeats_values
@@ -236,12 +259,13 @@ def pair_sensor(
     -----
     Each sensor has one lag; or, unless it is ``bare`` and where the data require it
     (``_requires_second``), a second one, which does not depend on the flow, and further ones of
-    conduction inside it (``inner_lags``). First lags are constant; or tau = tau_0 (speed/its
-    median)^-n with n free and ``exponent`` as its prior; or constant between
-    ``changes_s``. Then the file holds the lags of the last segment, and ``fit`` those of all. Both
-    columns of a row are taken as sampled at one instant: a scanner that reads the second one later
-    biases both lags by more than that time. A column that is repeated or blank between new values
-    is used at the rows of its new values.
+    conduction inside it (``inner_lags``). First lags are constant; or tau = tau_0 (s + (1 - s)
+    (speed/its median)^-n) with n and s free, and ``exponent`` and ``inner_share`` as their priors,
+    see ``tcdyn.chain.law.FlowLaw``; or constant between ``changes_s``. Then
+    the file holds the lags of the last segment, and ``fit`` those of all. Both columns of a row are
+    taken as sampled at one instant: a scanner that reads the second one later biases both lags by
+    more than that time. A column that is repeated or blank between new values is used at the rows
+    of its new values.
 
     Where the sensors are not bare, both lags have a common error of ``CONSTRUCTION_REL`` of the
     longer one. The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``,
@@ -269,6 +293,7 @@ def pair_sensor(
         log_speed=log_speed,
         segments=len(changes_s) + 1,
         exponent=exponent,
+        inner_share=inner_share or (NO_SHARE if bare else INNER_SHARE),
         offset_sd=offset_sd,
     )
     data = _with_new_values(data, columns, repeats_values)
@@ -282,7 +307,7 @@ def pair_sensor(
             expected="two sensors of different size",
         )
     n_lags = 2 * data.segments
-    exponents = [] if speed is None else [exponent[0]]
+    exponents = [] if speed is None else [exponent[0], data.inner_share[0]]
     starts = _grid_starts(data, exponents)
     for _ in range(2):
         size = max(int(np.exp(starts[0][:n_lags].min()) / ROWS_IN_SHORTER_LAG / data.dt_s), 1)
@@ -367,13 +392,14 @@ def pair_sensor(
         "gain": gain.model_dump(),
     }
     subject = ", ".join(columns)
+    law: FlowLaw | None = None
     if speed is not None:
-        k = averaged.before_exponent
-        exponent_u = np.sqrt(covariance[k, k])
         median = float(np.nanmedian(speed))
-        fit["exponent"] = Estimate.normal(best.theta[k], exponent_u).model_dump()
-        fit["speed_median"] = median
-        findings.append(warning("sensor.pair_flow", subject=subject, what=f"speed {median:.4g}"))
+        of_speed, law, speed_findings = _results_of_speed(
+            averaged, best, taus[last], quantity, median, subject
+        )
+        fit |= of_speed
+        findings += speed_findings
     if changes_s:
         lag_u = np.sqrt(np.diag(lag_covariance))
         lags = [Estimate.normal(tau, u).model_dump() for tau, u in zip(taus, lag_u)]
@@ -394,8 +420,71 @@ def pair_sensor(
         split_u_s,
         fit=fit,
         findings=findings,
+        law=law,
         **more,
     )
+
+
+def _results_of_speed(
+    data: PairData, fit: _Fit, lags_s: Array, quantity: str, at: float, subject: str
+) -> tuple[dict[str, Any], FlowLaw | None, list[Finding]]:
+    """How the lags follow the speed: entries of ``fit``, the law, and findings.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    fit
+        The fit.
+    lags_s
+        Lags of both sensors (2,) at the median of the speed [s].
+    quantity, at
+        Name of the speed, and its median.
+    subject
+        Names of the traces.
+
+    Returns
+    -------
+    entries, law, findings
+        The law is None where the exponent is not that of a film, 0 to 1.
+
+    Notes
+    -----
+    The inner share of the law is that of all lags, with the second ones. It is the mean of both
+    sensors, and its uncertainty contains half of their difference. The readings contradict the
+    prior of the exponent if it moves by more than ``CONTRADICTED`` standard deviations of that
+    move, of which the variance is that of the prior less that of the result.
+    """
+    k = data.before_exponent
+    exponent, share = fit.theta[k : k + 2].tolist()
+    exponent_u, share_u = np.sqrt(np.diag(fit.covariance)[k : k + 2]).tolist()
+    entries = {
+        "exponent": Estimate.normal(exponent, exponent_u).model_dump(),
+        "inner_share": Estimate.normal(share, share_u).model_dump(),
+        "speed_median": at,
+    }
+    findings = []
+    move_u = np.sqrt(max(data.exponent[1] ** 2 - exponent_u**2, 0.0))
+    if abs(exponent - data.exponent[0]) > CONTRADICTED * move_u > 0:
+        finding = warning(
+            "sensor.pair_exponent",
+            subject=subject,
+            exponent=exponent,
+            stated=data.exponent[0],
+            stated_u=data.exponent[1],
+        )
+        findings.append(finding)
+    if not 0 <= exponent <= 1:
+        what = f"speed {at:.4g}"
+        findings.append(warning("sensor.pair_flow", subject=subject, what=what))
+        return entries, None, findings
+    first_s = lags_s - SECOND_TO_ALL * fit.second_s
+    shares = 1 - first_s * (1 - share) / lags_s
+    least = float(np.max(1 - first_s / lags_s))  # the film is part of the first lag
+    law_share = max(float(np.mean(shares)), least)
+    law_share_u = float(np.hypot(share_u, 0.5 * np.ptp(shares)))
+    law = FlowLaw(at, exponent, exponent_u, law_share, law_share_u, quantity=quantity)
+    return entries, law, findings
 
 
 def _log_speed(time_s: Array, speed: Array) -> Array:
@@ -604,8 +693,8 @@ def whitened_residuals(data: PairData, theta: Array) -> Array:
         The traces.
     theta
         (log tau1, log tau2) of each segment, then gain less 1 and offset (over the standard
-        deviation of the trace) of the second sensor, then n if it is free, then the logarithms of
-        the second lags if there are some.
+        deviation of the trace) of the second sensor, then n and s if they are free, then the
+        logarithms of the second lags if there are some.
 
     Returns
     -------
@@ -703,8 +792,11 @@ def _lag_in_rows(data: PairData, theta: Array, channel: int) -> Array:
         Lag over the interval (N - 1,).
     """
     n_lags = 2 * data.segments
-    power = theta[data.before_exponent : len(theta) - 2 * data.second_lags].sum()
-    log_tau = theta[channel:n_lags:2][data.segment] - power * data.log_speed
+    log_tau = theta[channel:n_lags:2][data.segment]
+    law = theta[data.before_exponent : len(theta) - 2 * data.second_lags]
+    if len(law):
+        power, share = law
+        log_tau = log_tau + np.log(share + (1 - share) * np.exp(-power * data.log_speed))
     return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
 
@@ -722,7 +814,7 @@ def _grid_starts(data: PairData, exponents: Sequence[float]) -> list[Array]:
     data
         The traces.
     exponents
-        Start of the exponent, if it is free.
+        Starts of exponent and inner share, if they are free.
 
     Returns
     -------
@@ -762,6 +854,10 @@ def _search_minimum(data: PairData, starts: Sequence[Array]) -> Array:
     is_lag[len(is_lag) - 2 * data.second_lags :] = True
     lower = np.where(is_lag, np.log(data.dt_s / 10), -np.inf)
     upper = np.where(is_lag, np.log(len(data.first) * data.dt_s), np.inf)
+    share = data.before_exponent + 1
+    if len(is_lag) - 2 * data.second_lags > share:
+        lower[share] = 0.0
+        upper[share] = LARGEST_SHARE
 
     def residuals(theta: Array) -> Array:
         """Return the whitened residuals and those of the priors."""

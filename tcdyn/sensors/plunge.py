@@ -7,7 +7,7 @@ sheathed sensors and ``tests/sensors/test_long_lags.py`` long records.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file
 from tcdyn.sensors.step import MAX_ROWS_IN_RISE, block_means, find_step
+from tcdyn.sensors.step_causes import cause_entries, cause_findings
 from tcdyn.sensors.step_fits import CurveFit, model_average, white_noise_K
 from tcdyn.sensors.step_structures import (
     MAX_SLOW_SHARE,
@@ -52,8 +53,6 @@ RADIATION_RATIO = 1.5
 # Largest standard uncertainty of the medium's lag over the lag: beyond it the response may be that
 # of the medium; chosen by judgement.
 MEDIUM_SHARE = 0.1
-# Probabilities of a slow path between which the data do not distinguish it from a drift.
-UNDECIDED = (0.05, 0.95)
 # Difference of specified and fitted entry, in standard uncertainties, beyond which a warning is
 # given: by chance in 0.3 % of records.
 CONFLICT_U = 3.0
@@ -65,7 +64,7 @@ MIN_SHIFT_U = 0.5
 SHORTEST_ROW_S = 1e-7
 # Standard uncertainty of lag and times by the model, over the lag: rms error of junctions at the
 # sheath in `python -m tests.sensors.layered_study sheath`.
-MODEL_U = {"axis": 0.0, "sheath": 0.012}
+MODEL_U = {"insulated": 0.0, "grounded": 0.012, "exposed": 0.0}
 TAIL_LIMIT = "the short lags of the sensor, which a known instant of entry would determine"
 MEDIUM_LIMIT = (
     "a short lag that is the sensor's or the medium's, which a specified lag of the medium "
@@ -85,7 +84,8 @@ def plunge_sensor(
     entry_s: tuple[float, float] | None = None,
     medium_s: tuple[float, float] = MEDIUM_S,
     film: BoundaryLayer | None = None,
-    junction: Junction = "axis",
+    junction: Junction = "insulated",
+    mean_s: float = 0.0,
     unit: str = "K",
     **more: Any,
 ) -> SensorFile:
@@ -109,7 +109,11 @@ def plunge_sensor(
         The boundary layer; its h goes into the file, and its diameter narrows the second lag where
         the data do not resolve it.
     junction
-        Place of the junction: in the ``axis``, insulated, or welded to the ``sheath``.
+        Place of the junction: ``insulated`` in the axis, ``grounded`` on the sheath, or
+        ``exposed``, a bare wire or bead.
+    mean_s
+        Time before each row over which it is a mean [s], as a logger writes; it is not part of the
+        lag. Zero: rows are readings of their instant.
     unit
         Unit of differences of the readings: K, or that of another quantity than temperature.
     more
@@ -123,7 +127,7 @@ def plunge_sensor(
     Raises
     ------
     InputError
-        No step above the noise, one that is cut off, or fewer than 30 samples of it.
+        No step above the noise, one that is cut off, or fewer than ten readings.
 
     Notes
     -----
@@ -140,6 +144,12 @@ def plunge_sensor(
     prior then gives its uncertainty. A junction at the sheath leads instead: the tail is negative.
     The response is symmetric in the medium's lag and those of the sensor, so that both assignments
     are fitted where the medium can be so slow.
+
+    The stages of ``tcdyn.sensors.step_stages`` replace the first lag, each as a structure of its
+    own beside that without: a film coefficient that settles after the entry, as where a hand moves
+    the sensor and then holds it; a bath that relaxes; a stem that conducts along itself. The lag
+    is that of the settled flow, as a compensation needs it; t50, t63.2 and t90 are those of this
+    dip, in a bath that stays.
 
     A slow second heat path (stem, fitting) divides the step: ``share`` of it arrives after a
     further lag, a factor (1 + (1 - share) slow s)/(1 + slow s). It competes with the drift, which
@@ -170,13 +180,14 @@ def plunge_sensor(
         conditioning=conditioning,
         diameter_m=None if film is None else film.diameter_m,
         junction=junction,
+        mean_s=mean_s,
     )
     fitted, weights = fit_structures(record)
     estimates = [f.fit.propagate(f.structure.times) for f in fitted]
     values = np.transpose([value for value, _ in estimates])
     variances = np.transpose([np.maximum(np.diag(covariance), 0.0) for _, covariance in estimates])
-    us = np.hypot(np.sqrt(variances), MODEL_U[junction] * values[1])
     best = fitted[int(np.argmax(weights))]
+    us = np.hypot(best.fit.student_factor * np.sqrt(variances), MODEL_U[junction] * values[1])
     crossing_errors_s = _crossing_errors_s(record, best.fit)
     us[-len(SHARES) :] = np.hypot(us[-len(SHARES) :], crossing_errors_s[:, None])
     shorter_lags, lag, *times = (model_average(v, u, weights) for v, u in zip(values, us))
@@ -190,8 +201,7 @@ def plunge_sensor(
         "lag_s": lag.model_dump(),
     }
     fit_values |= _short_lags(best, values[1], weights, lag)
-    if best.structure.slow:
-        fit_values |= {"slow_share": _slow_share_of_step(theta), "slow_s": theta["slow_s"]}
+    fit_values |= cause_entries(best)
     if film is not None:
         fit_values |= film.to_fit(lag)
     limit_K = MISFIT_SHARE * abs(step.size_K)
@@ -209,12 +219,16 @@ def plunge_sensor(
     if step.has_next_event:
         ends_s = float(time_s[step.last])
         findings.append(info("sensor.next_event", subject=column, time_s=ends_s))
-    findings += _structure_findings(column, record, fitted, weights)
+    findings += cause_findings(column, fitted, weights, values[1], lag.u)
+    findings += _structure_findings(column, record, best)
     if unit == "K":
         findings += _radiation_findings(column, theta["level"], theta["level"] + theta["size"])
     findings += _crossing_findings(column, times, crossing_errors_s)
     if entry_s is not None:
-        findings += _entry_findings(column, record, best, entry_s)
+        # a film that settles can explain a wrong instant, too
+        without = [k for k, f in enumerate(fitted) if not f.structure.stage]
+        plain = fitted[max(without, key=lambda k: weights[k])] if without else best
+        findings += _entry_findings(column, record, best, plain, entry_s)
     elif step.first == 0 and theta["entry_s"] < 2 * max(record.dt_s, best.fit.u("entry_s")):
         findings.append(warning("sensor.no_rows_before", subject=column))
     if dt > lag.value:
@@ -316,17 +330,20 @@ def _check_times(
             remedy="give the time in seconds",
         )
     if not (0 <= medium_s[0] <= length_s and 0 <= medium_s[1] <= length_s):
-        what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
-        raise InputError(what, expected=f"0 to {length_s:g} s, the record's length")
+        source = "assumed without {medium_s}" if medium_s == MEDIUM_S else "specified"
+        raise InputError(
+            f"the medium's lag is {source}: {medium_s[0]:g} +- {medium_s[1]:g} s",
+            expected=f"0 to {length_s:g} s, the record's length",
+            remedy="specify how fast the medium steps at the sensor",
+            parameters={"medium_s": "1e-6+-1e-6" if length_s < MEDIUM_S[0] else None},
+        )
     if entry_s is not None and not first_s <= entry_s[0] <= last_s:
         expected = f"{first_s:g} to {last_s:g} s, the range of the record"
         raise InputError(f"the entry is at {entry_s[0]:g} s", expected=expected)
 
 
-def _structure_findings(
-    column: str, record: StepRecord, fitted: Sequence[FittedStructure], weights: Array
-) -> list[Finding]:
-    """Return what the structures say about a slow heat path and the length of the record.
+def _structure_findings(column: str, record: StepRecord, best: FittedStructure) -> list[Finding]:
+    """Return what the most probable structure says about its bound and the record's length.
 
     Parameters
     ----------
@@ -334,8 +351,8 @@ def _structure_findings(
         The sensor's column.
     record
         Data of the fit.
-    fitted, weights
-        The structures (K) and their probabilities (K,).
+    best
+        The structure.
 
     Returns
     -------
@@ -344,21 +361,7 @@ def _structure_findings(
     """
     findings = list[Finding]()
     limit = MAX_SLOW_SHARE[record.junction]
-    best = fitted[int(np.argmax(weights))]
     longest_s = max(best.structure.chain(best.fit.theta).taus_s)
-    slow = [k for k, f in enumerate(fitted) if f.structure.slow]
-    probability = float(weights[slow].sum())
-    if probability > UNDECIDED[0]:
-        theta = fitted[max(slow, key=lambda k: weights[k])].fit.theta
-        slow_s = theta["slow_s"]
-        percent = 100 * _slow_share_of_step(theta)
-        if probability > UNDECIDED[1]:
-            finding = info("sensor.slow_path", subject=column, percent=percent, slow_s=slow_s)
-        else:
-            finding = warning(
-                "sensor.slow_or_drift", subject=column, percent=percent, slow_s=slow_s
-            )
-        findings.append(finding)
     if best.fit.theta.get("slow_share", 0.0) > 0.99 * limit:
         findings.append(warning("sensor.structure_bound", subject=column, percent=100 * limit))
     after_s = float(record.t[-1]) - record.entry_s
@@ -452,17 +455,12 @@ def _radiation_findings(column: str, first_degC: float, last_degC: float) -> lis
     ]
 
 
-def _slow_share_of_step(theta: Mapping[str, float]) -> float:
-    """Share of the slow exponential in the step response [1].
-
-    The parameter ``slow_share`` is that of a heat path that ends at the sensor, behind its lag.
-    """
-    slow_s = theta["slow_s"]
-    return theta["slow_share"] * slow_s / (slow_s - theta["tau1_s"])
-
-
 def _entry_findings(
-    column: str, record: StepRecord, fitted: FittedStructure, specified_s: tuple[float, float]
+    column: str,
+    record: StepRecord,
+    fitted: FittedStructure,
+    plain: FittedStructure,
+    specified_s: tuple[float, float],
 ) -> list[Finding]:
     """Return a warning if the data contradict a specified entry instant, or show a dead time.
 
@@ -474,6 +472,8 @@ def _entry_findings(
         Data of the fit.
     fitted
         The most probable structure.
+    plain
+        The most probable one without a stage.
     specified_s
         Entry instant and its standard uncertainty [s].
 
@@ -497,7 +497,7 @@ def _entry_findings(
             warning("sensor.dead_time", subject=column, dead_s=dead_s, specified_s=specified_s[0])
         ]
     if specified_s[1] <= exact_u_s(record.dt_s):
-        shift_s, gain = later_response(record, fitted)
+        shift_s, gain = later_response(record, plain)
         ratio = float(np.sqrt(gain))
     else:
         shift_s = fitted.fit.theta["entry_s"] - (record.entry_prior_s or specified_s)[0]

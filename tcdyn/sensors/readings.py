@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
-from tcdyn.chain.law import FlowLaw
+from tcdyn.chain.law import LagLaw
 from tcdyn.core import Array, Flags
 from tcdyn.series.units import Unit
 
@@ -57,8 +57,9 @@ class ChannelReadings:
         interfere with the readings.
     laws
         How the lag of each channel (M,) follows a flow, None where it does not; empty: of none.
-    flow
-        That flow (N,); None: no lag follows.
+    flow, flow_u
+        That flow (N,), and its standard uncertainty as one error of all samples; None: no lag
+        follows.
     """
 
     columns: tuple[str, ...]
@@ -79,8 +80,9 @@ class ChannelReadings:
     is_left_out: Flags | None = None
     late_s: Array | None = None
     others: Mapping[str, Array] = field(default_factory=dict)
-    laws: tuple[FlowLaw | None, ...] = ()
+    laws: tuple[LagLaw | None, ...] = ()
     flow: Array | None = None
+    flow_u: Array | None = None
 
     @property
     def names(self) -> list[str]:
@@ -119,4 +121,5 @@ class ChannelReadings:
             late_s=None if self.late_s is None else self.late_s[first:],
             others={name: values[first:] for name, values in self.others.items()},
             flow=None if self.flow is None else self.flow[first:],
+            flow_u=None if self.flow_u is None else self.flow_u[first:],
         )

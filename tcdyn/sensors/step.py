@@ -16,7 +16,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.sensors.step_fits import white_noise_K
 
 MIN_STEP_NOISES = 20.0  # least step over the white noise; chosen by judgement
-MIN_SAMPLES = 30  # least number of samples; chosen by judgement
+# Least number of readings: lag, entry, both levels and the noise, and as many to see a misfit
+MIN_SAMPLES = 10
 MIN_RISES_AFTER = 2.5  # least record after the step, in times to 63.2 %; chosen by judgement
 MIN_ROWS_AROUND = (20, 30)  # least rows before the entry, and after it, to fit; by judgement
 # Rows from which a level is taken: a 50th of the record and at least so many; by judgement.

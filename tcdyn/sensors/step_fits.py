@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -21,12 +23,23 @@ from tcdyn.sensors.file import undetermined_lag_error
 
 # curve (N,) at the parameters; None where it cannot be computed
 Model = Callable[[Array], Array | None]
+# derivatives (N,) of a curve (N,) by some parameters, by their names
+Columns = Callable[[Array, Array], Mapping[str, Array]]
 PARAMETER_STEP = 1e-5  # step in differences, over a parameter's scale; chosen by judgement
 QUANTITY_STEP = 1e-3  # the same for quantities of the parameters; chosen by judgement
 NOISE_ORDER = 3  # order of differences that the white noise is estimated from; by judgement
 MAX_AR_ORDER = 8  # of the autoregression of the residuals; chosen by judgement
 MAX_STEPS = 40  # of the search, at most; chosen by judgement
+# Fall of the sum of squares, in squared noises, that the last step of a search promises; it is
+# still taken. Larger ones change results of a heating current by 0.4 u.
+TOLERANCE = 1e-6
 MIN_DIFFERENCES = 20  # without a gap, for an estimate of the noise to 20 %
+# Share of a column that the fitted parameters do not make, below which it is an error of rounding
+LEAST_OWN = 1e-5
+# Readings below which their differences contain the step, and their noise is first taken as this
+# share of their range; by judgement, a thermometer of 0.1 K in a step of 50 K
+FEW_READINGS = 30
+FEW_SHARE = 0.003
 MIN_NOISE_K = 1e-9  # least noise [K], so that data without noise can be fitted
 # Residual rms over the noise, beyond which a warning about a misfit is given; chosen by judgement.
 MISFIT_RATIO = 3.0
@@ -71,6 +84,16 @@ class CurveFit:
         k = self.optimum.problem.names.index(name)
         return float(np.sqrt(self.optimum.covariance[k, k]))
 
+    @property
+    def student_factor(self) -> float:
+        """Factor of standard uncertainties whose noise is estimated from the residuals.
+
+        The 95 % range of Student's distribution over that of the normal one; the degrees of freedom
+        are the readings less the parameters without a prior.
+        """
+        free = int(np.count_nonzero(np.isinf(self.optimum.problem.prior_sd)))
+        return float(student.ppf(0.975, max(len(self.residual) - free, 1)) / norm.ppf(0.975))
+
     def is_resolved(self, names: Sequence[str]) -> bool:
         """Whether the data distinguish all these parameters from zero."""
         return all(self.u(name) <= RESOLVED_REL * self.theta[name] for name in names)
@@ -111,17 +134,24 @@ class CurveFit:
             The parameter after one linear step from zero.
         gain
             Reduction of the sum of squares by this step: the score statistic (Rao 1948, Proc. Camb.
-            Phil. Soc. 44, 50).
+            Phil. Soc. 44, 50). Zero for a column that the fitted parameters can make.
         """
         full = [slice(0, len(direction))]
         column = self.colour.whiten(direction, full) / self.noise_K
         projected = self.optimum.jacobian.T @ column
-        slope = float(column @ self.optimum.residual)
+        problem = self.optimum.problem
+        # what the search has left to the fitted parameters is not the column's
+        gradient = self.optimum.jacobian.T @ self.optimum.residual
+        gradient += (self.optimum.theta - problem.prior_mean) / problem.prior_sd**2
+        left = float(projected @ self.optimum.covariance @ gradient)
+        slope = float(column @ self.optimum.residual) - left
         own = float(column @ column)
         if own == 0:
             return 0.0, 0.0
         shared = float(projected @ self.optimum.covariance @ projected)
-        curvature = max(own - shared, 1e-12 * own)
+        curvature = own - shared
+        if curvature < LEAST_OWN * own:
+            return 0.0, 0.0
         return -slope / curvature, slope**2 / curvature
 
     def propagate(self, quantity: Callable[[Array], Array]) -> tuple[Array, Array]:
@@ -184,6 +214,9 @@ def fit_curve(
     scale: Array,
     *,
     noise: tuple[NoiseModel, float],
+    linear: Columns | None = None,
+    steps: int = MAX_STEPS,
+    tolerance: float = TOLERANCE,
     prior: Mapping[str, tuple[float, float]] | None = None,
     lower: Mapping[str, float] | None = None,
     upper: Mapping[str, float] | None = None,
@@ -206,6 +239,12 @@ def fit_curve(
         Scale of each parameter (P,), for differences and steps.
     noise
         Autoregression and level [K] of the residuals (:func:`residual_noise`).
+    linear
+        Derivatives of the curve that need no further curve, by the names of their parameters.
+    steps
+        Largest number of steps of the search.
+    tolerance
+        Fall of the sum of squares at which the search ends.
     prior
         Mean and standard deviation of normal priors, by name.
     lower, upper
@@ -242,8 +281,12 @@ def fit_curve(
         curve = model(theta)
         if curve is None:
             return None
+        known = {} if linear is None else linear(theta, curve)
         slopes = []
         for k, size in enumerate(scale):
+            if names[k] in known:
+                slopes.append(known[names[k]][finite])
+                continue
             shifted = theta.copy()
             shifted[k] += PARAMETER_STEP * size
             other = model(shifted)
@@ -263,7 +306,7 @@ def fit_curve(
         upper=high,
         max_step=3 * scale,
     )
-    optimum = minimise(problem, start, limit=MAX_STEPS)
+    optimum = minimise(problem, start, limit=steps, tolerance=tolerance)
     if optimum.status is Status.NOWHERE:
         raise InputError(f"{name} cannot be fitted: the model cannot be computed")
     residual = (np.asarray(model(optimum.theta)) - y)[finite]
@@ -288,13 +331,15 @@ def residual_noise(residual: Array, parameters: int) -> tuple[NoiseModel, float]
     Returns
     -------
     colour
-        The autoregression; white where BIC prefers none.
+        The autoregression; white where BIC prefers none, and of few readings.
     level_K
         Standard deviation of the whitened residuals [K].
     """
     n = len(residual)
     full = [slice(0, n)]
-    colour = fit_ar(residual, full, max_order=MAX_AR_ORDER)
+    colour = NoiseModel()
+    if n >= FEW_READINGS:
+        colour = fit_ar(residual, full, max_order=MAX_AR_ORDER)
     square_sum = float(residual @ residual)
     whitened_sum = float(np.sum(colour.whiten(residual, full) ** 2))
     gain = n * np.log(max(square_sum, 1e-300) / max(whitened_sum, 1e-300))
@@ -309,7 +354,8 @@ def white_noise_K(y: Array) -> float:
     """Return the standard deviation of the white noise of readings [K], above zero.
 
     Differences across a gap contain the signal, and are used only where there are too few others.
-    Without any difference it is the least noise.
+    Of few readings all differences contain the signal: their noise is ``FEW_SHARE`` of their range,
+    with which a fit starts, until its residuals tell. Without any difference it is the least noise.
 
     Parameters
     ----------
@@ -318,6 +364,8 @@ def white_noise_K(y: Array) -> float:
     """
     if np.count_nonzero(np.isfinite(np.diff(y, NOISE_ORDER))) < MIN_DIFFERENCES:
         y = y[np.isfinite(y)]
+        if 0 < len(y) < FEW_READINGS:
+            return max(FEW_SHARE * float(np.ptp(y)), MIN_NOISE_K)
     if len(y) <= NOISE_ORDER:
         return MIN_NOISE_K
     return max(float(white_noise_sd(y, NOISE_ORDER)), MIN_NOISE_K)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 from scipy.stats import norm
@@ -18,13 +17,15 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import NoiseModel
 from tcdyn.rig.disk import Conditioning
-from tcdyn.sensors.file import lag_and_times
+from tcdyn.sensors.construction import JUNCTION_WORDS, JunctionWord
+from tcdyn.sensors.file import lag_and_times, percent_times
 from tcdyn.sensors.step import Step
 from tcdyn.sensors.step_fits import CurveFit, bic_weights, fit_curve, residual_noise, white_noise_K
+from tcdyn.sensors.step_stages import STAGES, TIMES_LAGS, TIMES_ROWS
 
-# Place of the junction: in the axis, insulated from the sheath; or welded to the sheath.
-Junction = Literal["axis", "sheath"]
-JUNCTIONS: tuple[Junction, ...] = get_args(Junction)
+# Place of the junction: in the axis, insulated from the sheath; welded to the sheath; or bare.
+Junction = JunctionWord
+JUNCTIONS = JUNCTION_WORDS
 # Grid of the second lag where it is not resolved, as shares of the largest; chosen by judgement.
 SECOND_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)
 # Probability, before the data, that the second lag is shorter than this grid; by judgement.
@@ -42,12 +43,15 @@ START_SHARES = ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08])
 # standard deviation, for one or two lags and for three, by the place of the junction. Sensors with
 # core, powder, sheath, and in half of them a gap, diameter 0.5 to 8 mm, in water, oil or air have
 # 0.02 to 0.7 after two lags and 0.5 to 1.4 after three in the axis; a homogeneous cylinder has 0.8
-# to 1.3 and 1.8 to 2.3, lumped lags have 0. At the sheath they have -1.5 to 0 after two.
+# to 1.3 and 1.8 to 2.3, lumped lags have 0. At the sheath they have -1.5 to 0 after two. A bare
+# wire or bead is nearly lumped, with Biot numbers below 0.3 in water: hardly a tail is left; by
+# judgement.
 TAIL = {
-    "axis": ((0.45, 0.28), (0.45, 0.28), (0.9, 0.5)),
-    "sheath": ((-0.7, 0.5), (-0.7, 0.5), (-0.5, 0.6)),
+    "insulated": ((0.45, 0.28), (0.45, 0.28), (0.9, 0.5)),
+    "grounded": ((-0.7, 0.5), (-0.7, 0.5), (-0.5, 0.6)),
+    "exposed": ((0.1, 0.2), (0.1, 0.2), (0.2, 0.3)),
 }
-MIN_TAIL = {"axis": 0.0, "sheath": -1.5}  # lower bounds
+MIN_TAIL = {"insulated": 0.0, "grounded": -1.5, "exposed": 0.0}  # lower bounds
 # Standard deviation of the drift in the fitted part over the step, before the data; by judgement.
 DRIFT_SHARE = 0.02
 # Time constants of a slow second heat path over the lag, of which the best is the start of its fit.
@@ -55,8 +59,25 @@ SLOW_RATIOS = (3.0, 6.0, 12.0)
 SMALL_SHARE = 1e-4  # step of the linear estimate of a share, and of a dead time over the lag
 # Least time constant of that path over the lag, and its largest share: with more it is the main
 # path. A junction at the sheath follows the sheath quickly, and the powder behind it slowly.
-MIN_SLOW_RATIO = {"axis": 2.0, "sheath": 0.8}
-MAX_SLOW_SHARE = {"axis": 0.5, "sheath": 0.95}
+MIN_SLOW_RATIO = {"insulated": 2.0, "grounded": 0.8, "exposed": 2.0}
+MAX_SLOW_SHARE = {"insulated": 0.5, "grounded": 0.95, "exposed": 0.5}
+# Start of the time in which a film settles over the lag, at most; it decides the number of steps
+SETTLING_SHARE = 0.5
+# Odds, before the data, of a stem that conducts, over those of none, by the junction. By judgement:
+# it is common for an exposed one in air, and otherwise rare; the data then show it clearly.
+FIN_ODDS = {"insulated": 0.05, "grounded": 0.05, "exposed": 1.0}
+# Steps of the search, at most: a stem that conducts needs up to 120 along its curved valley; with
+# 40 its lag is up to 60 standard uncertainties off (`python -m tests.sensors.hand_study`)
+MAX_STEPS = 150
+# Fall of the sum of squares, in squared noises, at which the search for a structure of a dip ends;
+# 1e-3 changes lag and times by less than 0.01 u (`python -m tests.behaviour.store "sensor plunge"`)
+TOLERANCE = 1e-2
+# Least first lag of a stage in intervals: a shorter one cannot be seen, and divides by zero
+LEAST_FIRST = 0.01
+# BIC above the best one beyond which no stage is tried beside a slow path: a weight below 1e-4
+STAGE_END = 20.0
+# Points in a row through which the response of a stage passes the other lags as straight lines
+FINER = 2
 # Gain in twice the log likelihood, in one linear step, from which such a path or a dead time is
 # fitted: the BIC of more than 30 samples asks for 3.4 a parameter.
 MIN_GAIN = 4.0
@@ -99,6 +120,8 @@ class StepRecord:
         Diameter of the sheath [m], or None.
     junction
         Place of the junction.
+    mean_s
+        Time before each row over which it is a mean [s]; zero for none.
     """
 
     t: Array
@@ -111,11 +134,13 @@ class StepRecord:
     conditioning: Conditioning
     diameter_m: float | None
     junction: Junction
+    mean_s: float = 0.0
 
     @property
     def sensor_lag_s(self) -> float:
         """First guess of the sensor's lag without the filter."""
-        return max(self.step.rise_s - self.conditioning.lag_s, 2 * self.dt_s)
+        behind_s = self.conditioning.lag_s + 0.5 * self.mean_s
+        return max(self.step.rise_s - behind_s, 2 * self.dt_s)
 
     def start(self, shares: Sequence[float]) -> dict[str, float]:
         """Return start values of the parameters by name.
@@ -152,8 +177,9 @@ class StepRecord:
         Returns
         -------
         float
-            That of :meth:`prior`. A structure with a sharp step replaces one in which the last lag
-            is the medium's. Both have one curve, so that only their priors may decide: the factors
+            That of :meth:`prior`, times ``FIN_ODDS`` of a stem. A structure with a sharp step
+            replaces one in which the last lag is the medium's. Both have one curve, so that only
+            their priors may decide: the factors
             replace the term of the BIC for that lag by its prior, as a second lag of the sensor,
             and add the prior of the medium at a lag of zero.
 
@@ -165,8 +191,9 @@ class StepRecord:
         although it says nothing about whose lag it is.
         """
         structure = fitted.structure
+        odds = FIN_ODDS[self.junction] if structure.stage == "fin" else 1.0
         if not structure.sharp:
-            return self.prior(structure)
+            return odds * self.prior(structure)
         fit = fitted.fit
         moved = f"tau{structure.lags}_s"
         lag_s = fit.theta[moved]
@@ -178,7 +205,7 @@ class StepRecord:
         evidence = density * float(np.sqrt(2 * np.pi * len(fit.residual))) * fit.u(moved)
         medium_s, medium_u_s = self.medium_s
         distance = medium_s / max(medium_u_s, exact_u_s(self.dt_s))
-        return float(evidence * np.exp(-0.5 * distance**2))
+        return float(odds * evidence * np.exp(-0.5 * distance**2))
 
     def prior(self, structure: StepStructure) -> float:
         """Return the probability of a structure before the data, not normalised.
@@ -200,10 +227,13 @@ class StepRecord:
         shares = np.array(SECOND_SHARES)
         edges = np.r_[0.5 * shares[0], np.sqrt(shares[1:] * shares[:-1]), np.inf]
         k = int(np.searchsorted(shares, structure.second_share)) if structure.second_share else -1
+        # with a stage each second value stands for the one before, too
+        first = k - 1 if structure.stage and k > 0 else k
         if self.diameter_m is None:
-            return NO_SECOND_LAG if k < 0 else (1 - NO_SECOND_LAG) / len(shares)
+            share = (1 - NO_SECOND_LAG) * (k - first + 1) / len(shares)
+            return NO_SECOND_LAG if k < 0 else share
         below = second_lag_probability(edges * self.sensor_lag_s, self.diameter_m)
-        return float(below[0] if k < 0 else below[k + 1] - below[k])
+        return float(below[0] if k < 0 else below[k + 1] - below[first])
 
     def exchange_lags(self, values: Mapping[str, float]) -> list[dict[str, float]]:
         """Return start values with the medium's lag and one of the sensor's lags exchanged.
@@ -287,19 +317,30 @@ class StepRecord:
         array or None
             Readings [degC].
         """
-        chain = structure.chain(values)
         duration_s = float(self.t[-1])
-        longest_s = max(chain.taus_s, default=0.0)
+        longest_s = max(values[name] for name in structure.lag_names)
+        longest_s = max(longest_s, values.get("slow_s", 0.0))
         if not 0 <= values["entry_s"] < duration_s or longest_s > 50 * duration_s:
             return None
+        if structure.stage and values["tau1_s"] < LEAST_FIRST * self.dt_s:
+            return None
+        chain = structure.chain(values, with_stage=False)
         after_medium = replace(
             chain,
             taus_s=(*chain.taus_s, 0.0 if structure.sharp else max(values["medium_s"], 0.0)),
             delay_s=chain.delay_s + values["entry_s"],
+            mean_s=self.mean_s,
         )
-        response = after_medium.response(np.ones_like(self.t), self.dt_s, "zoh", "zero")
-        drift_K = values["drift_K"] * (self.t / duration_s - 0.5)
-        return values["level"] + values["size"] * response + drift_K
+        if structure.stage:
+            response = structure.response(after_medium, values, self.t)
+        else:
+            response = after_medium.response(np.ones_like(self.t), self.dt_s, "zoh", "zero")
+        return values["level"] + values["size"] * response + values["drift_K"] * self.drift
+
+    @property
+    def drift(self) -> Array:
+        """A drift of one over the record, zero in its middle (N,)."""
+        return np.asarray(self.t / self.t[-1] - 0.5)
 
 
 @dataclass(frozen=True)
@@ -320,6 +361,8 @@ class StepStructure:
         Whether there is a dead time.
     sharp
         Whether the medium's step is sharp, without a lag of its own.
+    stage
+        Name of what replaces the first lag (``STAGES``); empty for none.
     """
 
     lags: int
@@ -328,6 +371,7 @@ class StepStructure:
     slow: bool = False
     dead: bool = False
     sharp: bool = False
+    stage: str = ""
 
     @property
     def names(self) -> list[str]:
@@ -337,7 +381,14 @@ class StepStructure:
             names.append("medium_s")
         if self.lags > 1 or self.second_share:
             names.append("tail")
-        return names + self.to_resolve
+        if self.stage:
+            names += [parameter.name for parameter in STAGES[self.stage].parameters]
+        names += self.lag_names
+        if self.slow:
+            names += ["slow_share", "slow_s"]
+        if self.dead:
+            names.append("dead_s")
+        return names
 
     @property
     def order(self) -> int:
@@ -351,8 +402,11 @@ class StepStructure:
 
     @property
     def to_resolve(self) -> list[str]:
-        """Names of the parameters that the data must distinguish from zero."""
-        names = self.lag_names
+        """Names of the parameters that the data must distinguish from zero.
+
+        Where the film settles, its lag may be undetermined: the dip may end before it has settled.
+        """
+        names = self.lag_names[1:] if self.stage == "film" else self.lag_names
         if self.slow:
             names += ["slow_share", "slow_s"]
         if self.dead:
@@ -365,26 +419,71 @@ class StepStructure:
         count = self.order + self.slow
         return f"P{count}" + "Z" * self.slow + "D" * ("tail" in self.names or self.dead)
 
-    def chain(self, values: Mapping[str, float]) -> Chain:
-        """Return the sensor's chain at these parameters."""
-        taus = [values[f"tau{k}_s"] for k in range(1, self.lags + 1)]
+    def chain(self, values: Mapping[str, float], *, with_stage: bool = True) -> Chain:
+        """Return the sensor's chain.
+
+        Parameters
+        ----------
+        values
+            The parameters by name.
+        with_stage
+            Whether the first lag is in it: lags and a zero that stand for the stage. Otherwise of a
+            structure with a stage, the chain contains what follows it.
+        """
+        later = [values[f"tau{k}_s"] for k in range(2, self.lags + 1)]
         if self.second_share:
-            taus.append(self.second_share * taus[0])
-        tail_s = values.get("tail", 0.0) * min(taus)
+            later.append(self.second_share * values["tau1_s"])
+        tail_s = values.get("tail", 0.0) * min([values["tau1_s"], *later])
         delay_s = max(tail_s, 0.0) + values.get("dead_s", 0.0)
         zero_s = max(-tail_s, 0.0)
         if self.slow:
-            taus.append(values["slow_s"])
+            later.append(values["slow_s"])
             zero_s += (1 - values["slow_share"]) * values["slow_s"]
-        lags = sorted((tau for tau in taus if tau > 0), reverse=True)
+        first: tuple[float, ...] = (values["tau1_s"],)
+        if self.stage and with_stage:
+            first, zero_of_stage_s = STAGES[self.stage].lags_and_zero(values, values["tau1_s"])
+            zero_s += zero_of_stage_s
+        elif self.stage:
+            first = ()
+        lags = sorted((tau for tau in [*first, *later] if tau > 0), reverse=True)
         return Chain(lags, zero_s, delay_s, conditioning=self.conditioning)
+
+    def response(
+        self, others: Chain, values: Mapping[str, float], t: Array, *, of_dip: bool = True
+    ) -> Array:
+        """Return the response (N,) to a unit step, of a structure with a stage.
+
+        Parameters
+        ----------
+        others
+            The chain without the stage; its dead time contains the time of entry.
+        values
+            The parameters by name.
+        t
+            Even times (N,) [s].
+        of_dip
+            Whether it is that of the dip, or the one whose percent times are those of the sensor.
+        """
+        stage = STAGES[self.stage]
+        dt_s = float(t[1] - t[0]) / FINER
+        # the dead time is that of the others
+        since_s = dt_s * np.arange((len(t) - 1) * FINER + 1, dtype=np.float64)
+        first_response = stage.response if of_dip else stage.sensor_response
+        first = first_response(values, values["tau1_s"], since_s)
+        return np.asarray(others.response(first, dt_s, "foh", "zero")[::FINER])
 
     def times(self, theta: Array) -> Array:
         """Return lag without the first time constant, lag, and times of the step (5,) [s]."""
         values = dict(zip(self.names, theta.tolist()))
-        chain = replace(self.chain(values), conditioning=NO_CONDITIONING)
-        lag_s, *times = lag_and_times(chain)
-        return np.array([lag_s - values["tau1_s"], lag_s, *times])
+        first_s = values["tau1_s"]
+        chain = replace(self.chain(values, with_stage=False), conditioning=NO_CONDITIONING)
+        if not self.stage:
+            lag_s, *times = lag_and_times(chain)
+            return np.array([lag_s - first_s, lag_s, *times])
+        lag_s = chain.lag_s + STAGES[self.stage].sensor_lag_s(values, first_s)
+        t = TIMES_LAGS * (first_s + chain.lag_s) * np.linspace(0.0, 1.0, TIMES_ROWS)
+        times = percent_times(t, self.response(chain, values, t, of_dip=False))
+        return np.array([lag_s - first_s, lag_s, *times])
 
 
 @dataclass(frozen=True)
@@ -492,6 +591,7 @@ def _fit_with_noise(
     lags is tried for each kind that the data do not exclude (``MIN_WEIGHT``).
     """
     fitted = list[FittedStructure]()
+    unresolved = list[FittedStructure]()
 
     def add(structure: StepStructure, start: Mapping[str, float]) -> CurveFit | None:
         """Fit a structure; keep and return the fit if it is resolved and differs from others."""
@@ -499,6 +599,7 @@ def _fit_with_noise(
             return None
         fit = _fit_structure(record, structure, start, noise)
         if not fit.is_resolved(structure.to_resolve):
+            unresolved.append(FittedStructure(structure, fit))
             return None
         same = [f.fit for f in fitted if f.structure == structure]
         if any(known.is_near(fit, structure.lag_names) for known in same):
@@ -534,18 +635,33 @@ def _fit_with_noise(
             structure, start, gain = extension(record, f)
             if gain > MIN_GAIN and 2 * gain > f.fit.bic - best_bic:
                 add(structure, start)
+    best_bic = min(f.fit.bic for f in fitted)
+    # a second lag that is not resolved alone may be, beside a stage
+    for f in [*fitted, *unresolved]:
+        if f.structure.slow and f.fit.bic > best_bic + STAGE_END:
+            continue
+        for stage in _possible_stages(record, f):
+            structure = replace(f.structure, stage=stage)
+            for start in _starts_of_stage(record, f, stage):
+                staged = add(structure, start)
+                if staged is None or structure.sharp:
+                    continue
+                sharp_step = record.sharp_step(structure, staged)
+                if sharp_step is not None:
+                    add(*sharp_step)
     weights = bic_weights(np.array([f.fit.bic for f in fitted]))
     probability = dict[StepStructure, float]()
     for f, weight in zip(fitted, weights):
         simplest = replace(f.structure, lags=1)
         probability[simplest] = probability.get(simplest, 0.0) + float(weight)
     for simplest, weight in probability.items():
-        if weight > MIN_WEIGHT and not simplest.sharp:
-            near = next(f for f in fitted if replace(f.structure, lags=1) == simplest)
+        if weight > MIN_WEIGHT and not simplest.sharp and simplest.stage != "fin":
+            alike = [f for f in fitted if replace(f.structure, lags=1) == simplest]
+            near = min(alike, key=lambda f: f.fit.bic)
             start = record.start(START_SHARES[0]) | near.fit.theta
             best_bic = min(f.fit.bic for f in fitted)
             last_bic = np.inf
-            for share in SECOND_SHARES:
+            for share in SECOND_SHARES[1::2] if simplest.stage else SECOND_SHARES:
                 grid_fit = add(replace(simplest, second_share=share), start)
                 if grid_fit is None or grid_fit.bic > max(last_bic, best_bic + GRID_END):
                     break
@@ -616,6 +732,42 @@ def _slow_path(
         trials.append((gain if share > 0 else 0.0, path))
     gain, path = max(trials, key=lambda trial: trial[0])
     return structure, fitted.fit.theta | path, gain
+
+
+def _possible_stages(record: StepRecord, fitted: FittedStructure) -> list[str]:
+    """Return the stages that may replace the first lag of a structure.
+
+    A bath and a stem beside a slow path would be the same curve twice. A stem that conducts has
+    lags of its own, and a chain of a junction at the sheath has no place for its zero.
+    """
+    structure = fitted.structure
+    if structure.slow:
+        return ["film"]
+    if structure.lags > 1 or record.junction == "grounded":
+        return ["film", "bath"]
+    return ["film", "bath", "fin"]
+
+
+def _starts_of_stage(
+    record: StepRecord, fitted: FittedStructure, stage: str
+) -> list[dict[str, float]]:
+    """Return start values for a structure whose first lag a stage replaces.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    fitted
+        The structure without the stage.
+    stage
+        Name of the stage.
+    """
+    starts = []
+    for values in STAGES[stage].starts():
+        if "settling_s" in values:
+            values["settling_s"] = min(values["settling_s"], SETTLING_SHARE * record.sensor_lag_s)
+        starts.append(fitted.fit.theta | values)
+    return starts
 
 
 def _dead_time(
@@ -727,6 +879,7 @@ def _fit_structure(
         The fit; theta in the order of ``structure.names``.
     """
     names = structure.names
+    stage = STAGES[structure.stage].parameters if structure.stage else ()
     size_K = abs(record.step.size_K)
     lag_s = record.sensor_lag_s
     medium_s, medium_u_s = record.medium_s
@@ -735,6 +888,13 @@ def _fit_structure(
         """Return the readings (N,) at theta; None where they cannot be computed."""
         return record.curve(structure, dict(zip(names, theta.tolist())))
 
+    def linear(theta: Array, curve: Array) -> dict[str, Array]:
+        """Return the derivatives (N,) by the parameters in which the curve is linear."""
+        values = dict(zip(names, theta.tolist()))
+        drift = record.drift
+        response = (curve - values["level"] - values["drift_K"] * drift) / values["size"]
+        return {"level": np.ones_like(curve), "size": response, "drift_K": drift}
+
     seconds = dict.fromkeys((n for n in names if n.endswith("_s")), lag_s)
     scales = {
         "level": size_K,
@@ -742,6 +902,7 @@ def _fit_structure(
         "drift_K": size_K,
         "tail": 1.0,
         "slow_share": 1.0,
+        **{parameter.name: parameter.sd for parameter in stage},
         **seconds,
         "medium_s": max(lag_s, medium_u_s),
     }
@@ -750,9 +911,13 @@ def _fit_structure(
         "drift_K": (0.0, DRIFT_SHARE * size_K),
         "tail": TAIL[record.junction][structure.lags - 1],
     }
+    prior |= {parameter.name: (parameter.mean, parameter.sd) for parameter in stage}
     if record.entry_prior_s is not None:
         prior["entry_s"] = record.entry_prior_s
     lower = {**dict.fromkeys(seconds, 0.0), "tail": MIN_TAIL[record.junction], "slow_share": 0.0}
+    lower |= {parameter.name: parameter.low for parameter in stage}
+    if stage:
+        lower["tau1_s"] = LEAST_FIRST * record.dt_s
     if structure.slow:
         lower["slow_s"] = MIN_SLOW_RATIO[record.junction] * lag_s
     return fit_curve(
@@ -764,6 +929,12 @@ def _fit_structure(
         np.array([scales[n] for n in names]),
         prior=prior,
         lower=lower,
-        upper={"slow_share": MAX_SLOW_SHARE[record.junction]},
+        upper={
+            "slow_share": MAX_SLOW_SHARE[record.junction],
+            **{parameter.name: parameter.high for parameter in stage},
+        },
         noise=noise,
+        linear=linear,
+        steps=MAX_STEPS,
+        tolerance=TOLERANCE,
     )

@@ -7,21 +7,26 @@ uncertainty.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, log
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
+from tcdyn.sensors.file import SHARES
+from tcdyn.sensors.medium import MAX_SPEED_M_S, Surroundings, nusselt_cross_flow
 
 U_REL = 0.15  # relative standard uncertainty of the correlation: it fits measurements to 20 to 30 %
-# Volumetric heat capacity of sheath and powder [J/m3K], and its relative standard uncertainty; by
-# judgement.
-RHO_C_J_M3K = 3.6e6
-RHO_C_U_REL = 0.15
-# Possible diameters [m] and largest speed [m/s]; chosen by judgement, so that another unit is
-# recognised.
+# Volumetric heat capacity of core, powder and sheath [J/m3K], and its relative standard
+# uncertainty: mean and standard deviation over the priors of ``tcdyn.sensors.construction``,
+# with what a radial model leaves out (test_predict.py).
+RHO_C_J_M3K = 3.25e6
+RHO_C_U_REL = 0.09
+# Largest standard uncertainty of a time in another stream by the form of the response, over the
+# lag; by judgement.
+TIMES_U = 0.1
+# Possible diameters [m]; chosen by judgement, so that another unit is recognised.
 DIAMETER_RANGE_M = (1e-5, 0.2)
-MAX_SPEED_M_S = 200.0
 
 
 @dataclass(frozen=True)
@@ -60,17 +65,15 @@ class Stream:
 
         Notes
         -----
-        Nu = 0.3 + 0.62 Re^1/2 Pr^1/3 [1 + (0.4/Pr)^2/3]^-1/4 [1 + (Re/282000)^5/8]^4/5
+        See :func:`tcdyn.sensors.medium.nusselt_cross_flow`.
 
         Examples
         --------
         >>> round(STREAMS["water"].h_W_m2K(3e-3)), round(STREAMS["air"].h_W_m2K(3e-3))
         (8381, 105)
         """
-        re = self.speed_m_s * diameter_m / self.nu_m2_s
-        pr = self.prandtl
-        laminar = 0.62 * re**0.5 * pr ** (1 / 3) / (1 + (0.4 / pr) ** (2 / 3)) ** 0.25
-        nusselt = 0.3 + laminar * (1 + (re / 282e3) ** 0.625) ** 0.8
+        reynolds = self.speed_m_s * diameter_m / self.nu_m2_s
+        nusselt = float(nusselt_cross_flow(reynolds, self.prandtl))
         return nusselt * self.k_W_mK / diameter_m
 
 
@@ -90,6 +93,8 @@ class BoundaryLayer:
         Diameter of the sensor [m].
     speed_m_s
         Speed [m/s]; None for the reference speed.
+    speed_u_m_s
+        Standard uncertainty of the speed [m/s].
 
     Raises
     ------
@@ -100,6 +105,7 @@ class BoundaryLayer:
     medium: str
     diameter_m: float
     speed_m_s: float | None = None
+    speed_u_m_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Check medium, diameter and speed.
@@ -126,6 +132,11 @@ class BoundaryLayer:
         if self.speed_m_s is None:
             return reference
         return replace(reference, speed_m_s=self.speed_m_s)
+
+    @property
+    def h_u_rel(self) -> float:
+        """Relative standard uncertainty of h: correlation, and speed with the power 0.5."""
+        return hypot(U_REL, 0.5 * self.speed_u_m_s / self.stream.speed_m_s)
 
     def to_fit(self, lag: Estimate) -> dict[str, object]:
         """Return the content of ``fit`` in a sensor file: h, and the lag in the other streams.
@@ -154,7 +165,7 @@ class BoundaryLayer:
             "medium": self.medium,
             "speed_m_s": self.stream.speed_m_s,
             "diameter_mm": 1e3 * self.diameter_m,
-            "h_W_m2K": Estimate.normal(h, U_REL * h).model_dump(),
+            "h_W_m2K": Estimate.normal(h, self.h_u_rel * h).model_dump(),
         }
         heat_J_m2K = RHO_C_J_M3K * self.diameter_m / 4
         for name, other in STREAMS.items():
@@ -163,7 +174,85 @@ class BoundaryLayer:
             other_h = other.h_W_m2K(self.diameter_m)
             change_s = heat_J_m2K * (1 / other_h - 1 / h)
             change_u_s = hypot(
-                heat_J_m2K / other_h * U_REL, heat_J_m2K / h * U_REL, change_s * RHO_C_U_REL
+                heat_J_m2K / other_h * U_REL,
+                heat_J_m2K / h * self.h_u_rel,
+                change_s * RHO_C_U_REL,
             )
             out[f"lag_{name}_s"] = lag.shifted(change_s).with_error(change_u_s).model_dump()
         return out
+
+    def in_other(
+        self, lag: Estimate, times: Mapping[str, Estimate], to: Surroundings, to_speed_u: float
+    ) -> dict[str, object]:
+        """Return the content of ``fit`` in a sensor file: lag and times in any other stream.
+
+        Parameters
+        ----------
+        lag, times
+            Lag, and t50, t63.2 and t90 by their keys, in this stream [s].
+        to
+            The other stream, or a medium at rest.
+        to_speed_u
+            Relative standard uncertainty of its speed.
+
+        Returns
+        -------
+        dict
+            Values by key: ``to_medium``, ``to_lag_s``, ``to_t50_s`` and so on.
+
+        Raises
+        ------
+        InputError
+            Where the lag there is not above zero within its uncertainty: the sensor in this stream
+            has less lag than its film alone.
+
+        Notes
+        -----
+        lag' = lag + rho c d/4 (1/h' - 1/h), see :meth:`to_fit`. The film in this stream is taken
+        from this formula, so that of water to air hardly anything but h' counts.
+
+        What the film adds is one lag. The share of the lag that is added has the times of one lag,
+        -ln(1 - q) lag'; the rest keeps the ratio of its times to the lag. Where the film becomes
+        thinner, all of the times keep it. The difference from the other of both is taken as two
+        standard uncertainties, at most ``TIMES_U`` of the lag.
+
+        Examples
+        --------
+        >>> film = BoundaryLayer("water", 3e-3, 0.4)
+        >>> there = film.in_other(Estimate.normal(1.2, 0.05), {}, Surroundings("air", 2.0), 0.07)
+        >>> print(Estimate(**there["to_lag_s"]).text("s"))
+        27.9 +- 4.8 s
+        """
+        h = self.stream.h_W_m2K(self.diameter_m)
+        to_h = float(to.h_W_m2K(self.diameter_m))
+        heat_J_m2K = RHO_C_J_M3K * self.diameter_m / 4
+        change_s = heat_J_m2K * (1 / to_h - 1 / h)
+        to_h_u = hypot(U_REL, 0.5 * to_speed_u)  # h goes with the root of the speed
+        change_u_s = hypot(
+            heat_J_m2K / to_h * to_h_u, heat_J_m2K / h * self.h_u_rel, change_s * RHO_C_U_REL
+        )
+        there = lag.shifted(change_s).with_error(change_u_s)
+        if there.value <= 0:
+            raise InputError(
+                f"a lag of {lag.text('s')} in {self.medium} is less than its film, "
+                f"{heat_J_m2K / h:.2g} s",
+                expected="a diameter and a speed that belong to this sensor and this dip",
+                parameters={"diameter_mm": None, "speed_m_s": None},
+            )
+        fit: dict[str, object] = {
+            "to_medium": to.medium,
+            "to_speed_m_s": to.speed_m_s,
+            "to_T_degC": to.T_degC,
+            "to_h_W_m2K": Estimate.normal(to_h, to_h_u * to_h).model_dump(),
+            "to_lag_s": there.model_dump(),
+        }
+        new = max(change_s, 0.0) / there.value
+        for key, time in times.items():
+            ratio = time.value / lag.value
+            one_lag = -log(1 - SHARES[key])
+            to_ratio = (1 - new) * ratio + new * one_lag
+            other = 0.5 * abs(to_ratio - (one_lag if new == 0 else ratio))
+            fit[f"to_{key}"] = (
+                there.scaled(to_ratio).with_error(min(other, TIMES_U) * there.value).model_dump()
+            )
+        return fit

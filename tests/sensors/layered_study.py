@@ -81,9 +81,11 @@ def reference_error(sensor: LayeredSensor, record: PlungeRecord) -> float:
     return float(np.expm1(fit.x[0]))
 
 
-def plunge(rng: np.random.Generator, medium: str, known: bool, junction: Junction = "axis") -> Case:
+def plunge(
+    rng: np.random.Generator, medium: str, known: bool, junction: Junction = "insulated"
+) -> Case:
     """A plunge with the defaults."""
-    sensor = drawn(rng, medium, at_sheath=junction == "sheath")
+    sensor = drawn(rng, medium, at_sheath=junction == "grounded")
     record = plunge_record(sensor, rng, entry_known=known)
     made = plunge_sensor(
         record.time_s, record.y_degC, "T", entry_s=record.entry_s, junction=junction
@@ -94,7 +96,7 @@ def plunge(rng: np.random.Generator, medium: str, known: bool, junction: Junctio
 
 def sheath(rng: np.random.Generator, medium: str, known: bool) -> Case:
     """A plunge with the junction at the sheath, as specified."""
-    return plunge(rng, medium, known, "sheath")
+    return plunge(rng, medium, known, "grounded")
 
 
 def current(rng: np.random.Generator, medium: str, _: bool) -> Case:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
@@ -137,26 +138,12 @@ def layered(
 
     The core is read, or ``at_sheath`` the innermost quarter of the sheath.
 
-    Per radian and metre: the capacity of a ring is rho c (r2^2 - r1^2)/2, its resistance
-    ln(r2/r1)/k, that of the gap gap/(k r), that of the surface 1/(h R).
+    See ``rings``; the resistance of the surface is 1/(h R).
     """
-    radius = diameter_m / 2
-    limits = (0.0, core * radius, (1 - 2 * wall) * radius, radius)
-    edge, k, heat = [0.0], [], []
-    for i, (cells, conductivity) in enumerate(zip(CELLS, (k_core, k_insulation, k_sheath))):
-        cells = cells * refine
-        edge += np.linspace(limits[i], limits[i + 1], cells + 1)[1:].tolist()
-        k += [conductivity] * cells
-        heat += [capacity[i]] * cells
-    edges, conductivities = np.array(edge), np.array(k)
-    area = np.diff(edges**2) / 2
-    stored = np.array(heat) * area
-    middle = (edges[1:] + edges[:-1]) / 2
-    outer = np.log(edges[1:] / middle) / conductivities
-    inner = np.log(middle[1:] / edges[1:-1]) / conductivities[1:]
-    resistance = outer + np.append(inner, 1 / (h_W_m2K * radius))
-    at_wall = refine * (CELLS[0] + CELLS[1])
-    resistance[at_wall - 1] += gap_m / (AIR_K * limits[2])
+    stored, resistance, area = rings(
+        diameter_m, core, wall, k_insulation, gap_m, k_core, k_sheath, capacity, refine
+    )
+    resistance[-1] += 1 / (h_W_m2K * diameter_m / 2)
     flow = 1 / resistance
     matrix = np.diag(flow + np.append(0.0, flow[:-1]))
     matrix -= np.diag(flow[:-1], 1) + np.diag(flow[:-1], -1)
@@ -173,6 +160,83 @@ def layered(
     shares = read * (root @ modes)
     heated = read * ((core_area / root) @ modes) / rates
     return LayeredSensor(1 / rates, shares, heated / heated.sum())
+
+
+def rings(
+    diameter_m: float,
+    core: float,
+    wall: float,
+    k_insulation: float,
+    gap_m: float = 0.0,
+    k_core: float = CORE_K,
+    k_sheath: float = SHEATH_K,
+    capacity: tuple[float, float, float] = CAPACITY,
+    refine: int = 1,
+) -> tuple[Array, Array, Array]:
+    """Capacity, resistance to the next ring, and area of each ring (C,); the last to the surface.
+
+    Per radian and metre: the capacity of a ring is rho c (r2^2 - r1^2)/2, its resistance
+    ln(r2/r1)/k, that of the gap gap/(k r).
+    """
+    radius = diameter_m / 2
+    limits = (0.0, core * radius, (1 - 2 * wall) * radius, radius)
+    edge, k, heat = [0.0], [], []
+    for i, (cells, conductivity) in enumerate(zip(CELLS, (k_core, k_insulation, k_sheath))):
+        cells = cells * refine
+        edge += np.linspace(limits[i], limits[i + 1], cells + 1)[1:].tolist()
+        k += [conductivity] * cells
+        heat += [capacity[i]] * cells
+    edges, conductivities = np.array(edge), np.array(k)
+    area = np.diff(edges**2) / 2
+    stored = np.array(heat) * area
+    middle = (edges[1:] + edges[:-1]) / 2
+    outer = np.log(edges[1:] / middle) / conductivities
+    inner = np.log(middle[1:] / edges[1:-1]) / conductivities[1:]
+    resistance = outer + np.append(inner, 0.0)
+    at_wall = refine * (CELLS[0] + CELLS[1])
+    resistance[at_wall - 1] += gap_m / (AIR_K * limits[2])
+    return stored, resistance, area
+
+
+def step_with_changing_film(
+    stored: Array, resistance: Array, area: Array, radius_m: float, h: Array, dt_s: float
+) -> Array:
+    """Reading (N,) of the core after a step of the medium, by the trapezoidal rule in time.
+
+    Parameters
+    ----------
+    stored, resistance, area
+        As of ``rings``.
+    radius_m
+        Radius of the sensor [m].
+    h
+        Surface coefficient (N,) at the times [W/m2K]; zero before the step.
+    dt_s
+        Time step [s].
+    """
+    inside = 1 / resistance[:-1]
+    inside_sum = np.append(inside, 0.0) + np.append(0.0, inside)
+    is_core = np.arange(len(area)) < CELLS[0]
+    weight = np.where(is_core, area, 0.0) / area[is_core].sum()
+    temperature = np.zeros(len(stored))
+    reading = np.zeros(len(h))
+    rate = stored / dt_s
+    for k in range(1, len(h)):
+        middle_h = 0.5 * (h[k] + h[k - 1])
+        outer = 1 / (resistance[-1] + 1 / (middle_h * radius_m)) if middle_h > 0 else 0.0
+        loss = inside_sum.copy()
+        loss[-1] += outer
+        right = (rate - 0.5 * loss) * temperature
+        right[:-1] += 0.5 * inside * temperature[1:]
+        right[1:] += 0.5 * inside * temperature[:-1]
+        right[-1] += outer
+        bands = np.zeros((3, len(stored)))
+        bands[0, 1:] = -0.5 * inside
+        bands[1] = rate + 0.5 * loss
+        bands[2, :-1] = -0.5 * inside
+        temperature = solve_banded((1, 1), bands, right)
+        reading[k] = weight @ temperature
+    return reading
 
 
 def drawn(

@@ -199,7 +199,7 @@ def test_several_dips_pairs_and_noise_of_another_quantity() -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"medium": "water", "diameter_mm": 3.0}, {"junction": "sheath"}]
+    "options", [{"medium": "water", "diameter_mm": 3.0}, {"junction": "grounded"}]
 )
 def test_heat_transfer_is_refused_for_another_quantity(options: dict[str, object]) -> None:
     with pytest.raises(InputError, match="in ppm"):

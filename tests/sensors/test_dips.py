@@ -12,8 +12,9 @@ import pytest
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.sensors import SensorFile, read_sensor, sensor_file
-from tcdyn.sensors.dips import pool_dips, random_effects
+from tcdyn.sensors import SensorFile, read_sensor, sensor_file, sensor_from_dip
+from tcdyn.sensors.dips import pool_dips
+from tcdyn.sensors.random_effects import random_effects
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import write
 from tests.sensors.test_sensor_plunge import plunged
@@ -166,3 +167,11 @@ def test_a_result_is_printed_without_a_file(
     assert run_cli("sensor", "new", "--tau-s", "1.5+-0.1", "--column", "T1") == 0
     assert "lag 1.50 +- 0.10 s" in capsys.readouterr().out
     assert not list(tmp_path.iterdir())
+
+
+def test_arrays_of_one_dip_that_are_given_twice_are_refused() -> None:
+    t = 0.05 * np.arange(400)
+    noise_K = 0.05 * np.random.default_rng(0).standard_normal(len(t))
+    dip = (t, 20 + 60 * -np.expm1(-np.maximum(t - 4, 0) / 1.5) + noise_K)
+    with pytest.raises(InputError, match="same content"):
+        sensor_from_dip([dip, dip])

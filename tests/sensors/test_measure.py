@@ -62,7 +62,10 @@ def test_every_form_of_a_dip_gives_the_same_lag_which_is_the_true_one(tmp_path: 
         (lambda: tcdyn.sensor_from_dip((T_S, reading()[1:])), "arrays of the shapes"),
         (lambda: tcdyn.sensor_from_dip((T_S, reading()), medium="water"), "go together"),
         (lambda: tcdyn.sensor_from_dip((T_S, reading()), speed_m_s=1.0), "without medium"),
-        (lambda: tcdyn.sensor_from_dip((T_S, reading()), junction="tip"), "axis or sheath"),
+        (
+            lambda: tcdyn.sensor_from_dip((T_S, reading()), junction="axis"),
+            "insulated or grounded or exposed",
+        ),
         (
             lambda: tcdyn.sensor_from_dip([(T_S, reading())] * 2, entry_s=5.0),
             "entry_s is given 1 times for 2 dips",

@@ -91,9 +91,14 @@ def two_paths(share: float, quick_s: float, slow_s: float, seed: int) -> tuple[A
 def test_a_lag_as_short_as_the_medium_s_with_a_slow_path_is_a_result(
     share: float, quick_s: float, slow_s: float
 ) -> None:
-    """One of the structures gives nearly all of the response to the medium."""
+    """One of the structures gives nearly all of the response to the medium.
+
+    A film that settles gives nearly the same response, and a longer lag.
+    """
     lag = plunge_sensor(*two_paths(share, quick_s, slow_s, 0), "T").chain.channels["T"].lag_s
-    assert lag.value == pytest.approx((1 - share) * quick_s + share * slow_s, rel=0.1)
+    true_s = (1 - share) * quick_s + share * slow_s
+    assert lag.value == pytest.approx(true_s, rel=0.25)
+    assert abs(lag.value - true_s) < 2 * lag.u
 
 
 @pytest.mark.parametrize(
