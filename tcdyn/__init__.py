@@ -26,11 +26,13 @@ if TYPE_CHECKING:
     from tcdyn.rig.record import read_record, write_record
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import (
+        predict_sensor,
         read_sensor,
         sensor_from_current,
         sensor_from_dip,
         sensor_from_noise,
         sensor_from_pair,
+        sensor_history,
     )
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.smoothing import smooth
@@ -62,6 +64,7 @@ __all__ = [
     "inspect",
     "iter_log",
     "load_rig",
+    "predict_sensor",
     "read_log",
     "read_record",
     "read_sensor",
@@ -70,6 +73,7 @@ __all__ = [
     "sensor_from_dip",
     "sensor_from_noise",
     "sensor_from_pair",
+    "sensor_history",
     "simulate_campaign",
     "smooth",
     "view",
@@ -102,11 +106,13 @@ _MODULES = {  # public name: where it is defined
     "fit": "tcdyn.identification",
     "compare": "tcdyn.identification",
     "identify": "tcdyn.identification",
+    "predict_sensor": "tcdyn.sensors",
     "read_sensor": "tcdyn.sensors",
     "sensor_from_current": "tcdyn.sensors",
     "sensor_from_dip": "tcdyn.sensors",
     "sensor_from_noise": "tcdyn.sensors",
     "sensor_from_pair": "tcdyn.sensors",
+    "sensor_history": "tcdyn.sensors",
 }
 
 _SUBPACKAGES = (

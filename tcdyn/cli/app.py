@@ -25,6 +25,7 @@ from tcdyn.cli.common import as_option
 from tcdyn.cli.compensate import compensate
 from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
+from tcdyn.cli.history import compare, history
 from tcdyn.cli.identify import identify, response
 from tcdyn.cli.inspect import inspect
 from tcdyn.cli.stop_signals import stop_signals
@@ -90,6 +91,8 @@ for name, function in RIG_COMMANDS.items():
 rig.add_typer(record.app, name="record")
 rig.add_typer(circumference.app, name="circumference")
 
+sensor.app.command("history")(history)
+sensor.app.command("compare")(compare)
 app.add_typer(sensor.app, name="sensor", rich_help_panel=ANY_THERMOCOUPLE)
 app.command("compensate", rich_help_panel=ANY_THERMOCOUPLE)(compensate)
 app.command("follow", rich_help_panel=ANY_THERMOCOUPLE)(follow)

@@ -38,6 +38,7 @@ NOT_TRUSTED = 1  # exit code without a result to be trusted
 OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "records": "--record",
     "sensors": "--sensor",
+    "dates": "--date",
     "taus_s": "--tau-s",
     "start_s": "--covariance-from-s",
     "models": "--model",

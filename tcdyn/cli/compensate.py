@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from tcdyn.workflows.raw_log import Calibrations
 
 
+# Options of the method that any table has, too
+SHARED = ("rate", "components")
+
+
 @dataclass(frozen=True)
 class RigLogOptions(Options):
     """What only a log of the rig has.
@@ -145,7 +149,7 @@ def compensate(
     """
     files.check_given()
     paths, left_out = files_of_tables(logs)
-    only_of_rig = {name: value for name, value in method.stated.items() if name != "rate"}
+    only_of_rig = {name: value for name, value in method.stated.items() if name not in SHARED}
     only_of_rig |= of_rig.stated
     if files.sensor:
         refuse_with_sensor(only_of_rig)
@@ -169,7 +173,8 @@ def compensate(
         _compensate_any_table(job, files.records(), files.rig_settings(options.rows))
     else:
         _check_rig_options(method, of_rig)
-        _compensate_rig_log(job, files, replace(method, rate=options.rate), of_rig)
+        method = replace(method, rate=options.rate, components=options.components)
+        _compensate_rig_log(job, files, method, of_rig)
 
 
 def _compensate_each(
@@ -272,8 +277,10 @@ def _compensate_rig_log(
     from tcdyn.io.read import open_table
     from tcdyn.io.write import output_style
     from tcdyn.workflows import compensate_log
+    from tcdyn.workflows.raw_log import check_options_of_sensors
 
     options = job.options
+    check_options_of_sensors(options)
     output = OutputOptions(dialect=options.dialect, comments=options.comments)
     if output.stated:  # an error before the work
         output_style(output.dialect, output.comments, open_table(job.paths[0]), job.out)

@@ -53,6 +53,7 @@ TABLE = FileKind("a table", (".csv", ".parquet", ".xlsx", ".nc", ".tdms"), needs
 # a table whose rows come part by part, which TDMS is not written from
 LONG_TABLE = FileKind("a table", (".csv", ".parquet", ".xlsx", ".nc"), needs_ending=True)
 CSV_OR_PAGE = FileKind("a CSV table or an HTML page", (".csv", ".html", ".htm"), needs_ending=True)
+CSV_OR_JSON = FileKind("a CSV table or JSON", (".csv", ".json"), needs_ending=True)
 PICTURE = FileKind("a picture", (".png", ".svg", ".pdf"), needs_ending=True)
 
 # Rows, with the header, and columns of a sheet: Microsoft, "Excel specifications and limits";

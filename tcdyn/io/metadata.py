@@ -24,6 +24,7 @@ READ_SCHEMAS = (METADATA_SCHEMA, "tcdyn.table/1")
 METADATA_SHEET = "metadata"  # of a workbook, with one entry in each row
 METADATA_HEADER = ("key", "value")  # its first row
 COMPENSATED = "compensated"  # value of the entry "tcdyn" of a compensated table
+RESULTS = "results"  # value of the entry "tcdyn" of a table of results, which is no log
 SIMULATED_KEY = "simulated"  # entry of a log that the simulator wrote
 START_TIME_KEY = "start_time"  # entry with the date and time of the first row, ISO 8601
 LOGGED = "_logged"  # in the name of a column as logged, beside its result

@@ -26,6 +26,7 @@ from tcdyn.plots.conduction import (
     draw_convergence,
     draw_mesh_errors,
 )
+from tcdyn.plots.history import draw_history
 from tcdyn.plots.identify import (
     draw_band,
     draw_bode,
@@ -76,6 +77,7 @@ __all__ = [
     "draw_error_histogram",
     "draw_filter_report",
     "draw_fit",
+    "draw_history",
     "draw_holes",
     "draw_inspected",
     "draw_inverse_check",

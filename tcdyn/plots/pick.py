@@ -36,6 +36,7 @@ from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_lo
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
 from tcdyn.plots.campaign import draw_beta
 from tcdyn.plots.compensate import draw_compensated, draw_filter_report
+from tcdyn.plots.history import draw_history
 from tcdyn.plots.identify import draw_band, draw_correlation, draw_data, draw_fit, draw_step
 from tcdyn.plots.inspect import draw_inspected
 from tcdyn.plots.partition import draw_beta_estimates
@@ -45,7 +46,7 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log, read_log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
-from tcdyn.sensors import SensorFile
+from tcdyn.sensors import SensorComparison, SensorFile, SensorHistory
 from tcdyn.sensors.touch import TouchLog
 from tcdyn.simulate.campaign import CampaignFiles
 from tcdyn.smoothing.inverse import FilterReport
@@ -143,6 +144,8 @@ PICTURES: dict[type, Callable[..., Axes]] = {
     Validation: draw_correlation,
     CampaignFiles: draw_log,
     Rig: draw_table,
+    SensorHistory: draw_history,
+    SensorComparison: draw_table,
     TouchLog: draw_table,
     RecordComparison: draw_table,
     Result: draw_table,
@@ -162,6 +165,7 @@ PARTS: dict[type, Callable[[Any], Any]] = {
     CampaignFiles: _first_test,
     Rig: _depths_of_junctions,
     TouchLog: lambda touches: touches.to_frame()[["rise_K"]],
+    SensorComparison: lambda compared: compared.to_frame()[["ratio"]],
     RecordComparison: lambda changes: changes.to_frame()[["z"]],
     Result: methodcaller("to_frame"),
 }

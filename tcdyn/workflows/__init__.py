@@ -9,6 +9,7 @@ from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
 from tcdyn.workflows.demo import DemoRun, run_demo
 from tcdyn.workflows.frames import compensate_dataset, compensate_frame
+from tcdyn.workflows.history import history_of_logs
 from tcdyn.workflows.inspect import Inspection, inspect
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "compensate_frame",
     "compensate_log",
     "estimate_beta",
+    "history_of_logs",
     "inspect",
     "run_demo",
 ]

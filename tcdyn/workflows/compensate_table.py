@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tcdyn.core.arguments import described, with_named_arguments
@@ -18,7 +19,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, error, info, unique_by_subject, warning
 from tcdyn.core.options import options_of
 from tcdyn.core.progress import Progress, no_progress
-from tcdyn.core.result import Result
+from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.endings import LONG_TABLE, check_ending, check_size
 from tcdyn.io.read import open_table, sha256_of_file
@@ -38,6 +39,7 @@ from tcdyn.series.joined import files_of_log
 from tcdyn.series.report import SeriesReport
 from tcdyn.series.source import ChunkSource, FilledTimes, RisingRows
 from tcdyn.series.survey import SurveyedSource
+from tcdyn.smoothing.time_means import AUTO, MeanTimes, check_length, length_of_rows
 from tcdyn.workflows.options import CompensateOptions
 from tcdyn.workflows.raw_log import (
     Calibrations,
@@ -52,6 +54,12 @@ from tcdyn.workflows.raw_log import (
     surveyed,
 )
 
+# What the components of an uncertainty have in common, in the metadata of the output
+COMPONENTS_NOTE = (
+    "u^2 = noise_u^2 + record_u^2 + common_u^2; noise_u: an error that differs from row to row, "
+    "alike in rows closer than the resolution; record_u: one error of the column in the whole log; "
+    "common_u: one error of all columns of a sensor file or disk in the whole log"
+)
 # Progress is reported after so many rows, then each time the count has doubled.
 PROGRESS_ROWS = 200_000
 # Share of readings that were not used from which they are a warning: slip rings have some spikes.
@@ -75,8 +83,8 @@ class CompensatedTable(Result):
         Names of the other columns, which are passed through unchanged.
     numbers
         One row a compensated column: its name, noise, and typical and largest standard deviation
-        of the compensated readings [K]. If a column is no temperature, the names do not state K,
-        and ``unit`` is the unit of each.
+        of the compensated readings [K], and the shortest time whose means are determined [s]. If a
+        column is no temperature, the names do not state K, and ``unit`` is the unit of each.
     decimals
         Number of decimals in a CSV file, of each column with results.
     metadata
@@ -87,6 +95,8 @@ class CompensatedTable(Result):
         What was understood of the rows; None where there are fewer than two.
     sources
         The files of the log, in the order of their rows; none for data in memory.
+    means_s
+        Length of the means that were written instead of rows [s]; None: rows.
     """
 
     path: Path
@@ -99,23 +109,29 @@ class CompensatedTable(Result):
     findings: tuple[Finding, ...]
     reading: SeriesReport | None = None
     sources: tuple[SourceFile, ...] = ()
+    means_s: float | None = None
 
     def summary(self) -> str:
         """Number of rows and output, then one line a column.
 
-        A line has the lag, the noise, and the typical and the largest standard deviation of the
-        compensated readings.
+        A line has the lag, the noise, the typical and the largest standard deviation of the
+        compensated readings, and the shortest time whose means are determined.
         """
         s = "s" if len(self.columns) > 1 else ""
-        lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
-        for column, (_, noise, typical, largest, *_) in zip(
-            self.columns, self.numbers.itertuples(index=False)
+        what = "rows" if self.means_s is None else f"means over {self.means_s:.3g} s"
+        lines = [f"{self.rows} {what}, {len(self.columns)} column{s} compensated: {self.path}"]
+        resolutions_s = self.numbers.get("resolution_s", [np.nan] * len(self.columns))
+        for column, (_, noise, typical, largest, *_), resolution_s in zip(
+            self.columns, self.numbers.itertuples(index=False), resolutions_s
         ):
             unit = column.unit.base_difference
-            lines.append(
+            text = (
                 f"  {column.column}: lag {column.lag_s.text('s')}; noise {noise:.3g} {unit}, "
                 f"standard deviation {typical:.3g} {unit} typical, {largest:.3g} {unit} at most"
             )
+            if np.isfinite(resolution_s):
+                text += f"; resolves {resolution_s:.3g} s"
+            lines.append(text)
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
@@ -127,7 +143,8 @@ class CompensatedTable(Result):
         return {
             "out": str(self.path),
             "rows": self.rows,
-            "columns": self.numbers.to_dict("records"),
+            "columns": jsonable(self.numbers),
+            "means_s": self.means_s,
             "carried": list(self.carried),
             "metadata": self.metadata,
             "sources": [source.to_dict() for source in self.sources],
@@ -178,7 +195,8 @@ def compensate_table(
         How the table is read, compensated and written: the fields of
         :class:`tcdyn.workflows.options.CompensateOptions`. With ``delay_s`` each row is compensated
         with the rows that are there this long after it, as ``tcdyn.workflows.follow.follow`` does;
-        otherwise with all rows near it.
+        otherwise with all rows near it. With ``means`` a row stands for the time around it: the
+        results are means, the other columns those of the row in the middle.
 
     Raises
     ------
@@ -198,7 +216,7 @@ def compensate_table(
     output = _Output(out)
     output.check_ending()
     raw, report_of_rows = _open_log(log, calibrations, rig, settings)
-    run = _TableRun(raw, settings, output)
+    run = _TableRun(raw, settings, output, report_of_rows)
     output.check(run.paths, report_of_rows.rows if report_of_rows else 0, len(run.header))
     style = run.style()
     totals = run.write(style, progress)
@@ -215,6 +233,7 @@ def compensate_table(
         run.findings(totals, style),
         report_of_rows,
         raw.source.files(totals.rows),
+        totals.means_s,
     )
 
 
@@ -282,19 +301,63 @@ class _TableRun:
         The rows with a delay: those whose time is not before that of an earlier row.
     surveyed_rows
         The same rows, which are surveyed as they come, as those of a log that is followed.
+    means_s
+        Length of the means that are wanted instead of rows [s]; None: rows.
     """
 
-    def __init__(self, raw: RawLog, settings: CompensateOptions, output: _Output) -> None:
+    def __init__(
+        self,
+        raw: RawLog,
+        settings: CompensateOptions,
+        output: _Output,
+        report: SeriesReport | None,
+    ) -> None:
         """Prepare a run; raises InputError where two columns of the output have one name."""
         self.raw = raw
         self.settings = settings
         self.output = output
-        self.method = CompensationMethod(rate=settings.rate)
+        self.method = CompensationMethod(rate=settings.rate, components=settings.components)
         self.header = raw.header(self.method)
         self.rising_rows = RisingRows(raw.source)
         self.surveyed_rows = SurveyedSource(
             self.rising_rows, raw.channels.raw_columns, survey_of(raw)
         )
+        self.means_s = self._means_s(report)
+
+    def _means_s(self, report: SeriesReport | None) -> float | None:
+        """Length of the means that are wanted [s]; None: rows are.
+
+        Of ``auto`` it is the shortest that is determined in all columns in the first segment, whose
+        rows are compensated for that.
+
+        Parameters
+        ----------
+        report
+            What was understood of the rows; None of fewer than two.
+
+        Raises
+        ------
+        InputError
+            If no mean is determined, and for a time shorter than two rows or longer than the log.
+        """
+        if self.settings.means is None or report is None:
+            return None
+        length_s = MeanTimes.of(self.settings.means).length_s
+        where = self.raw.channels.context.where
+        if length_s != AUTO:
+            if length_s > report.duration_s:
+                raise InputError(
+                    f"means over {length_s:.4g} s of a log of {report.duration_s:.4g} s",
+                    where=where,
+                    expected="less than the log",
+                    parameters={"means": "SECONDS"},
+                )
+            check_length(length_s, report.interval_s)
+            return length_s
+        first = next(self._segments(), None)
+        resolutions_s = [] if first is None else [each[3] for each in first.numbers.values()]
+        determined_s = [each for each in resolutions_s if np.isfinite(each)]
+        return length_of_rows(determined_s, report.interval_s)
 
     @property
     def paths(self) -> list[Path]:
@@ -329,25 +392,32 @@ class _TableRun:
             notes["source_sha256"] = sha256_of_file(self.paths[0])
         if self.settings.delay_s is not None:
             notes["delay_s"] = f"{self.settings.delay_s:g}"
+        if self.method.components:
+            notes["components"] = COMPONENTS_NOTE
         return write_segments(
             self.output.to,
             self.header,
             notes,
-            self._segments(),
+            self._segments(self.means_s),
             _progress_of_rows(progress),
             style=style,
             time=self.raw.stamps,
         )
 
-    def _segments(self) -> Iterator[CompensatedSegment]:
-        """The compensated segments of the table."""
+    def _segments(self, means_s: float | None = None) -> Iterator[CompensatedSegment]:
+        """The compensated segments of the table, or means over ``means_s``."""
         raw = self.raw
         delay_s = self.settings.delay_s
         rows: ChunkSource = self.surveyed_rows
         if delay_s is None:
             rows = FilledTimes(raw.source, raw.time_in_log)
         segments = compensated_segments(
-            rows, raw.source.table.names, raw.channels, self.method, delay_s=delay_s
+            rows,
+            raw.source.table.names,
+            raw.channels,
+            self.method,
+            delay_s=delay_s,
+            means_s=means_s,
         )
         if self.output.is_netcdf:
             return _with_seconds(segments, raw.source.time)
@@ -456,7 +526,7 @@ def _with_seconds(
 ) -> Iterator[CompensatedSegment]:
     """The segments with times in seconds in the column ``time``, instead of those of the file."""
     for segment in segments:
-        yield replace(segment, columns={**segment.columns, time: segment.time_s})
+        yield replace(segment, columns={**segment.columns, time: segment.output_time_s})
 
 
 def _findings_of_rows(totals: Totals) -> list[Finding]:

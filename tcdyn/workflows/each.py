@@ -27,7 +27,7 @@ from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.estimation.kalman import compile_functions
 from tcdyn.io.checksum import CHECKSUM_KEY
 from tcdyn.io.endings import CSV, check_ending
-from tcdyn.io.metadata import metadata_path
+from tcdyn.io.metadata import RESULTS, metadata_path
 from tcdyn.io.read import sha256_of_file
 from tcdyn.io.write import (
     check_may_replace,
@@ -44,7 +44,6 @@ from tcdyn.workflows.options import CompensateOptions
 COMPENSATED_ENDING = ".compensated.csv"  # behind the stem of a log
 SENSOR_ENDING = ".sensor.json"
 MAX_MESSAGES = 5  # of a file that are kept: memory. The output of a file has all of them.
-RESULTS = "results"  # value of the entry "tcdyn" in the metadata of a table of results
 SETTINGS_KEY = "settings_sha256"  # entry of an output with the checksum of what it was made with
 RESULT_KEY = "result"  # entry of an output with its row in the table of results
 
@@ -447,6 +446,8 @@ def _numbers_of(done: CompensatedTable) -> dict[str, Any]:
         numbers["interval_s"] = float(f"{done.reading.interval_s:.6g}")
     for name in done.numbers.columns[1:4]:
         numbers[str(name)] = float(f"{done.numbers[name].max():.6g}")
+    if done.means_s is not None:
+        numbers["means_s"] = float(f"{done.means_s:.6g}")
     numbers["out"] = utf8(done.path.name)
     return numbers
 

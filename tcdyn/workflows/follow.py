@@ -309,7 +309,7 @@ def _started_run(
     _check_times_are_known(opened, files)
     delay_s = _delay_s(raw, settings)
     style = output_style(settings.dialect, settings.comments, raw.source.table, files.out)
-    method = CompensationMethod(rate=settings.rate)
+    method = CompensationMethod(rate=settings.rate, components=settings.components)
     header = raw.header(method)
     state = None
     if files.state is not None:

@@ -25,7 +25,7 @@ from tcdyn.sensors.given import Sensors, sensor_files
 from tcdyn.series import ReadingOptions, open_source
 from tcdyn.series.frame import UNITS_KEY, rows_with
 from tcdyn.workflows.compensate_table import compensate_table
-from tcdyn.workflows.options import FrameOptions
+from tcdyn.workflows.options import MeansOptions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,7 +50,7 @@ def compensate_frame(
         they are taken as exact, with a warning. Or a dict of any of these by column.
     options
         How the table is read and compensated: the fields of
-        :class:`tcdyn.workflows.options.FrameOptions`, such as ``columns=["T1"]``, ``time="t"``,
+        :class:`tcdyn.workflows.options.MeansOptions`, such as ``columns=["T1"]``, ``time="t"``,
         ``unit="degF"`` and ``rate=True``. Without ``time``, the time is the index. An index of
         numbers is seconds unless its name or ``time_unit`` states another unit. An index of
         integers without a name is taken for the numbers of the rows, unless ``time_unit`` is given;
@@ -64,7 +64,8 @@ def compensate_frame(
         thermocouple: degrees Celsius). Before it stands the column as logged,
         ``<name>_logged_degC``; behind it its standard uncertainty, ``<name>_u_K`` (``_u_degF``,
         ``_u_ppm``), and with ``rate`` the rate of change and its standard uncertainty,
-        ``<name>_rate_K_s`` and ``<name>_rate_u_K_s``. The numbers are not rounded. ``attrs`` holds
+        ``<name>_rate_K_s`` and ``<name>_rate_u_K_s``. With ``means`` the table has the rows in the
+        middle of each mean. The numbers are not rounded. ``attrs`` holds
         those of ``data``, the metadata that a file would have, and the list ``warnings``.
 
     Raises
@@ -93,7 +94,7 @@ def compensate_frame(
     >>> list(done)
     ['T_logged_degC', 'T_degC', 'T_u_K']
     """
-    settings = options_of(FrameOptions, options, "compensate_frame")
+    settings = options_of(MeansOptions, options, "compensate_frame")
     check_type("data", data, (pd.DataFrame, pd.Series), "a DataFrame or a Series")
     files = sensor_files(sensors)
     if isinstance(data, pd.Series):
@@ -135,7 +136,7 @@ def compensate_dataset(
     >>> kiln = xr.open_dataset("kiln.nc")  # doctest: +SKIP
     >>> compensate_dataset(kiln["T1_degC"], "probe.sensor.json")  # doctest: +SKIP
     """
-    settings = options_of(FrameOptions, options, "compensate_dataset")
+    settings = options_of(MeansOptions, options, "compensate_dataset")
     if not hasattr(data, "dims"):
         raise InputError(
             f"data is {described(data)}", expected="a Dataset or a DataArray of xarray"
@@ -172,7 +173,7 @@ def compensate_dataset(
     return result.assign_attrs(done.frame.attrs)
 
 
-def _for_one_column(settings: FrameOptions, name: str, files: Sequence[SensorFile]) -> FrameOptions:
+def _for_one_column(settings: MeansOptions, name: str, files: Sequence[SensorFile]) -> MeansOptions:
     """The options with the only column of the data as that of a single sensor."""
     if settings.columns or len(files) != 1 or len(files[0].columns) != 1:
         return settings
@@ -207,7 +208,7 @@ class _Compensated:
 def _compensate_frame(
     frame: pd.DataFrame,
     files: Sequence[SensorFile],
-    settings: FrameOptions,
+    settings: MeansOptions,
     units: Mapping[str, str],
 ) -> _Compensated:
     """The frame with compensated columns, warnings and attributes; see ``compensate_frame``.
@@ -240,8 +241,9 @@ def _compensate_frame(
     serious = messages(warnings_and_errors(done.findings))
     for message in serious:
         warnings.warn(message, UserWarning, stacklevel=4)  # the caller of the public function
-    made = pd.concat(parts, ignore_index=True)
-    method = CompensationMethod(rate=settings.rate)
+    made = pd.concat(parts)
+    method = CompensationMethod(rate=settings.rate, components=settings.components)
+    frame = frame.iloc[made.index.to_numpy()]
     units_of_channels = {channel.column: channel.unit for channel in done.columns}
     columns: dict[Hashable, pd.Series] = {}
     logged_names = {}

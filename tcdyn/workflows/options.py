@@ -6,9 +6,10 @@ What an option means is written here once; see :mod:`tcdyn.core.options`. Tests:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from tcdyn.core.errors import InputError
 from tcdyn.core.options import Options, option
 from tcdyn.io.write import DIALECTS, DialectName
 from tcdyn.rig.record import MAX_LAG_S
@@ -58,16 +59,59 @@ class FrameOptions(LogOptions):
         also write the rate of change of each result and its standard uncertainty
     follows
         with a sensor whose lag follows the flow: the column of the flow, or QUANTITY=COLUMN
-        (default: the column with the name of the quantity)
+        (default: the column with the name of the quantity); none: the lag stays that of its file
+    follows_u
+        standard uncertainty of that column, in its unit or in %: one error of the whole log
+    accuracy
+        accuracy of the readings, as limits of one error of the whole log: "0.5 K", "1.5 %", "0.5 K
+        + 0.1 %"; of one column COLUMN=ACCURACY; repeat for several
+    components
+        also write the components of each _u_K: _noise_u_K (differs from row to row), _record_u_K
+        (one error of the column in the whole log) and _common_u_K (one error of all columns)
     """
 
     rate: bool = option(False, "Output")
     follows: str = option("", "Sensor")
+    follows_u: float | str = option("", "Sensor", takes=str)
+    accuracy: float | str | Sequence[str] | Mapping[str, float | str] = option(
+        (), "Sensor", takes=list[str]
+    )
+    components: bool = option(False, "Output")
 
 
 @dataclass(frozen=True)
-class CompensateOptions(OutputOptions, FrameOptions):
-    """How a table is compensated and written.
+class MeansOptions(FrameOptions):
+    """How a whole table is compensated, row by row or as means.
+
+    Attributes
+    ----------
+    means
+        instead of rows, means over this many seconds with their standard uncertainty; auto: over
+        the shortest time whose means are determined
+    """
+
+    means: float | str | None = option(None, "Output", takes=str)
+
+    def __post_init__(self) -> None:
+        """Check that means have no rates.
+
+        Raises
+        ------
+        InputError
+            For the rate of change of means.
+        """
+        super().__post_init__()
+        if self.means is not None and self.rate:
+            raise InputError(
+                "{rate} with {means}",
+                remedy="leave one of them out: a mean has no rate of change",
+                parameters={"rate": True, "means": None},
+            )
+
+
+@dataclass(frozen=True)
+class DelayedOptions(OutputOptions, FrameOptions):
+    """How a table is compensated row by row, and written.
 
     Attributes
     ----------
@@ -80,7 +124,28 @@ class CompensateOptions(OutputOptions, FrameOptions):
 
 
 @dataclass(frozen=True)
-class FollowOptions(CompensateOptions):
+class CompensateOptions(DelayedOptions, MeansOptions):
+    """How a table is compensated and written."""
+
+    def __post_init__(self) -> None:
+        """Check that means have all rows.
+
+        Raises
+        ------
+        InputError
+            For means with a delay.
+        """
+        super().__post_init__()
+        if self.means is not None and self.delay_s is not None:
+            raise InputError(
+                "{means} with {delay_s}",
+                remedy="leave one of them out: means are those of the whole log",
+                parameters={"means": None, "delay_s": None},
+            )
+
+
+@dataclass(frozen=True)
+class FollowOptions(DelayedOptions):
     """How a log is compensated while it grows.
 
     Attributes

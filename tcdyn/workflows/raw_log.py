@@ -51,6 +51,8 @@ from tcdyn.workflows.options import FrameOptions, LogOptions
 from tcdyn.workflows.rig_channels import record_channels
 
 Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
+# Options that only the file of a sensor has
+OF_SENSORS = ("follows", "follows_u", "accuracy", "means")
 # What a caller may give for them.
 Given = Mapping[str, DiskRecord] | Sensors
 
@@ -180,9 +182,27 @@ def raw_log(
         rig = rig or rig_from_records(calibrations)
         if reading != ReadingOptions():
             rig = rig.with_reading(reading)
+        check_options_of_sensors(options)
         return _rig_log(path, table, calibrations, rig)
     source = source_of_table(path, table, (), reading)
     return raw_table(source, calibrations, options)
+
+
+def check_options_of_sensors(options: LogOptions) -> None:
+    """Check that a log of the rig has no options of sensor files.
+
+    Raises
+    ------
+    InputError
+        For the first of them.
+    """
+    for name in OF_SENSORS:
+        if name in options.stated:
+            raise InputError(
+                f"{{{name}}} with records of disks",
+                expected="it with the file of a sensor; a record has its own uncertainties",
+                parameters={name: None},
+            )
 
 
 def raw_table(source: Source, sensors: Sequence[SensorFile], options: LogOptions) -> RawLog:
@@ -215,7 +235,10 @@ def raw_table(source: Source, sensors: Sequence[SensorFile], options: LogOptions
     )
     channels = replace(channels, context=context)
     if isinstance(options, FrameOptions):
-        channels = channels.following(options.follows, value_columns)
+        channels = channels.following(
+            options.follows, value_columns, options.follows_u, table.units
+        )
+        channels = channels.with_accuracy(options.accuracy)
     carried = tuple(n for n in value_columns if n not in channels.units)
     without_sensor = [name for name in carried if not table.is_time(name)]
     if without_sensor:
@@ -252,12 +275,6 @@ def checked_before_following(raw: RawLog, table: Table) -> RawLog:
         thermocouple can have because they are in another unit.
     """
     channels = raw.channels
-    if channels.flow_column:
-        raise InputError(
-            "a lag that follows the flow, compensated while the log is recorded or with a delay",
-            where=table.where,
-            expected="a sensor without a law, or compensation of the whole log",
-        )
     check_one_channel(table, raw.source.time, list(channels.units))
     checks = {name: RangeCheck(name, unit.name) for name, unit in channels.units.items()}
     try:
@@ -406,6 +423,7 @@ def _with_output(
     for channel in channels.channels:
         lag = channel.lag_s.text("s")
         notes[f"lag_s of {channel.column}"] = f"{lag}, sensor {channel.sensor}"
+    notes |= channels.notes
     if channels.mean_s:
         notes["averages_s"] = f"{channels.mean_s:g}"
     return RawLog(source, time_in_log, stamps, channels, carried, notes, tuple(findings))

@@ -135,7 +135,7 @@ OPTION_VALUES = (
     *(
         "water",
         "air",
-        "axis",
+        "insulated",
         "zoh",
         "cascade",
         "standard",

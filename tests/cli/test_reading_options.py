@@ -34,6 +34,7 @@ READERS = [
     "sensor current",
     "sensor noise",
     "sensor touch",
+    "sensor history",
     "rig calibrate",
     "rig beta",
     "rig campaign",
@@ -128,6 +129,8 @@ def test_rows_that_are_means_are_an_info_in_every_command(
         printed = capsys.readouterr().err
         is_removed = name.startswith(("compensate", "follow"))
         told = ", which is removed with the lag" if is_removed else ": half of this, 1.5 s"
+        if name == "sensor plunge":
+            told = ", as specified: the lag is that of the sensor without this mean"
         assert f"mean over the 3 s before it{told}" in printed, name
         assert printed.count("mean over the 3 s") == 1, name
 

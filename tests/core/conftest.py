@@ -30,7 +30,7 @@ def quick_results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         step_band,
         validate,
     )
-    from tcdyn.sensors import specified_sensor
+    from tcdyn.sensors import compare_sensors, sensor_history, specified_sensor
     from tcdyn.sensors.touch import find_touches
     from tcdyn.smoothing import proper_inverse, report_inverse
     from tcdyn.workflows.compensate_table import compensate_table
@@ -49,6 +49,13 @@ def quick_results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     table.to_csv(folder / "log.csv", index=False)
     sensor = specified_sensor("probe", ["T_degC"], [(0.7, 0.1)])
     time_s = np.arange(0.0, 30.0, 0.1)
+    measured = [
+        specified_sensor("probe", ["T_degC"], [(lag_s, 0.02)]).model_copy(
+            update={"method": "noise"}
+        )
+        for lag_s in (0.7, 0.71, 0.8)
+    ]
+    dates = ["2025-01-01", "2025-04-01", "2025-07-01"]
     touch = np.where((time_s > 10) & (time_s < 12), 5.0, 0.0)
     touched = np.column_stack([touch, 0.1 * touch]) + rng.normal(0, 0.01, (len(time_s), 2))
     junctions = {"a": 60.0, "b": 61.0, "c": 63.0, "d": 64.0, "e": 66.0, "f": 67.0}
@@ -70,6 +77,8 @@ def quick_results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             predict(fitted, data),
             fit_function(data, static_gain, {"gain": 0.9}),
             sensor,
+            sensor_history(measured, dates=dates),
+            compare_sensors(measured[1:]),
             find_touches(time_s, touched, ["T1", "T2"]),
             compensate_table(folder / "log.csv", [sensor], folder / "out.csv"),
             follow(folder / "log.csv", [sensor], folder / "followed.csv", idle_s=0.0),

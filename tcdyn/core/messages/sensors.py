@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tcdyn.core.estimate import text_with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
 
@@ -48,6 +49,28 @@ def _noise_driving(subject: str, lags: int, **_: Any) -> str:
     return text
 
 
+# What may explain a response beside lags, and what would tell
+CAUSES = {
+    "chain": "lags alone",
+    "film": "a film that changes after the entry (hold the sensor still, in a steady stream)",
+    "bath": "a bath that changes after the entry (stir, or use a larger bath)",
+    "fin": "a stem that conducts (immerse deeper)",
+    "slow": "a second, slower path (log until the reading has settled)",
+}
+
+
+def _undecided_causes(subject: str, causes: Sequence[str], **_: Any) -> str:
+    """Message of ``sensor.causes``.
+
+    ``causes`` are the explanations, the likeliest first.
+    """
+    listed = "; or ".join(CAUSES[name] for name in causes)
+    return (
+        f"{subject}: the record does not distinguish {listed}. The intervals include each, and "
+        "their difference limits the result"
+    )
+
+
 def _touch_other(
     touch: int, time_s: float, column: str, stated: str, exchanged: bool, **_: Any
 ) -> str:
@@ -70,6 +93,71 @@ def _touch_silent(columns: Sequence[str], **_: Any) -> str:
     return f"no touch after which {' or '.join(columns)} rose most"
 
 
+def _dip_departs(
+    subject: str,
+    dip: str,
+    lag_s: float,
+    u_s: float,
+    without_s: float,
+    without_u_s: float,
+    p_value: float,
+    **_: Any,
+) -> str:
+    """Message of ``sensor.dip_departs``.
+
+    ``dip`` is the file or the number of the dip, ``without_s`` the lag of one further dip without
+    it, ``p_value`` that of its lag under the prediction of the others.
+    """
+    return (
+        f"{subject}: the lag of {dip}, {text_with_u(lag_s, u_s, 's')}, departs from those of the "
+        f"other dips (p = {p_value:.1g}). The result includes it; without {dip}: "
+        f"{text_with_u(without_s, without_u_s, 's')}. Look at its record, and give the others only "
+        "if you find a cause"
+    )
+
+
+def _history_changed(
+    subject: str,
+    group: str,
+    percent: float,
+    u_percent: float,
+    days: float,
+    p_value: float,
+    step_probability: float,
+    step_dates: Sequence[str],
+    **numbers: float,
+) -> str:
+    """Message of ``history.changed``.
+
+    ``step_dates`` are the first and the last date between which a step is, with 95 % probability.
+    ``numbers`` are the ends of the interval, the size of the step and the rate of false alarms.
+    """
+    verb = "slows" if percent > 0 else "becomes faster"
+    text = (
+        f"{subject} ({group}): the sensor {verb}: {percent:+.2g} % +- {u_percent:.2g} % over "
+        f"{days:.0f} days (95 %: {numbers['low_percent']:+.2g} to {numbers['high_percent']:+.2g} "
+        f"%; p = {p_value:.2g}). Of steady sensors, {numbers['rate_percent']:.2g} % get this "
+        "warning"
+    )
+    if step_probability > 0.5:
+        text += (
+            f". A step of {numbers['step_percent']:+.2g} % between {step_dates[0]} and "
+            f"{step_dates[1]} is more probable than a steady change"
+        )
+    return text + ". A change of flow, medium or mounting changes the lag, too"
+
+
+def _history_groups(subject: str, names: Sequence[str], **_: Any) -> str:
+    """Message of ``history.groups``.
+
+    ``names`` are the conditions.
+    """
+    return (
+        f"{subject}: measurements are compared only with those of the same method, medium and law, "
+        f"since the lag depends on them: {', '.join(names)}"
+    )
+
+
 # tcdyn/sensors and tables compensated with a sensor file
 SENSOR: dict[str, Message] = {
     "touch.count": "{count} touches found, {stated} stated: the order is not compared. Touch "
@@ -81,6 +169,25 @@ SENSOR: dict[str, Message] = {
     "rises by {rise_K:.2g} K: its polarity is reversed, or it was touched with something cold, and "
     "the time is that of the return",
     "touch.silent": _touch_silent,
+    "history.changed": _history_changed,
+    "history.groups": _history_groups,
+    "history.failed": "{subject} is left out: {problem}",
+    "ratio.conditions": "{subject} was measured by {condition}, {other} by {other_condition}: a "
+    "lag depends on method, medium and flow, so the ratio is not that of the sensors alone",
+    "ratio.one_dip": "{subject}: one dip does not tell how much dips differ, and the uncertainty "
+    "does not include it: give a file of several dips",
+    "ratio.stated": "{subject}: its lag is stated, not measured",
+    "sensor.other_stream": "{subject}: the lag in the other stream, {lag_s:.3g} +- {u:.2g} s, is "
+    "hardly known: it is the difference of two larger ones. Measure where the film is thin, as in "
+    "water",
+    "predict.no_liquid": "water at {T_degC:g} °C is no liquid at atmospheric pressure: its "
+    "properties are extrapolated",
+    "predict.rough": "the standard uncertainty of a time is {percent:.0f} % of it: "
+    "constructions that catalogues do not tell apart differ that much here. Measure the sensor "
+    "with a dip",
+    "predict.exposed": "the wires of the exposed junction lead heat from the sheath over "
+    "{length_mm:.2g} mm: the lag holds for wires that are exposed by more than twice of that; "
+    "shorter ones follow the sheath",
     "sensor.exact": "the lag of {lag_s:.4g} s was given without an uncertainty: it is taken as "
     "exact, and the intervals of temperatures compensated with it include noise only; give an "
     "uncertainty, such as 1.5+-0.1",
@@ -122,11 +229,22 @@ SENSOR: dict[str, Message] = {
     "sensor.slow_path": "{subject}: {percent:.2g} % of the step arrives with a time constant of "
     "{slow_s:.3g} s, through a second heat path such as stem, sheath or fitting: lag and t90 "
     "include it",
-    "sensor.slow_or_drift": "{subject}: the record does not distinguish a slow second heat path "
-    "({percent:.2g} % of the step with {slow_s:.3g} s) from a drift of the medium: the intervals "
-    "include both; log longer before and after the step",
+    "sensor.settles": "{subject}: the film coefficient was {ratio:.2g} times its later value "
+    "right after the entry, and settled within about {settling_s:.2g} s, as where a hand moves the "
+    "sensor and then holds it: the lag is that of the settled flow, t50, t63.2 and t90 are those "
+    "of this dip. A stem that conducts gives a similar curve: if the junction is exposed, state it",
+    "sensor.dip_means": "each row is a mean over the {averages_s:g} s before it, as specified: the "
+    "lag is that of the sensor without this mean",
+    "sensor.bath": "{subject}: the bath changes by {percent:+.2g} % of the step with a time "
+    "constant of {bath_s:.2g} s after the entry, or the sensor warms it: lag and times are those "
+    "of a step of the bath; stir, or use a larger bath",
+    "sensor.fin": "{subject}: wires and stem conduct heat along themselves: by the model the "
+    "reading settles at {percent:.3g} % of the step of the bath. Lag and times are those of the "
+    "sensor's own final reading, in this depth of immersion; immerse it deeper",
+    "sensor.causes": _undecided_causes,
     "sensor.no_rows_before": "{subject}: the response begins at the first row or before it: the "
-    "level before the step is not known, and the lag may be too short; begin the record earlier",
+    "level before the step is not known, and the lag may be too short; begin the record earlier, "
+    "or specify the instant of entry with --entry-s",
     "sensor.structure_bound": "{subject}: the share of a second heat path is at its bound, "
     "{percent:.3g} %: the structure does not describe the response; check the filter after the "
     "sensor, and that the record holds one step",
@@ -145,6 +263,14 @@ SENSOR: dict[str, Message] = {
     "sensor.directions": "{subject}: the lag is {heating_s:.3g} s when heated and "
     "{cooling_s:.3g} s when cooled: the difference is significant. The file is for both; for one "
     "direction give only dips of that direction",
+    "sensor.dip_departs": _dip_departs,
+    "sensor.dips_law": "{subject}: the lags do not follow {quantity} as a film of exponent "
+    "{exponent:.2g} +- {exponent_u:.2g} does (p = {p_value:.1g}): check the flows and their order, "
+    "or state another exponent",
+    "sensor.dip_no_law": "{subject}: the response has a slow path, and a lag that follows a flow "
+    "cannot have one: the file has no law, and its lag holds at {quantity} = {value:.4g}",
+    "sensor.dip_film": "{subject}: the response does not allow a film with more than the largest "
+    "time constant: the inner share of the lag is taken as {share:.2g}, not {stated:.2g}",
     "sensor.pair_difference": "{subject}: the traces determine the difference of the lags, "
     "{difference_s:.3g} +- {u_s:.2g} s, but hardly the lags themselves: the fluid changed too "
     "slowly for their ratio",
@@ -154,9 +280,17 @@ SENSOR: dict[str, Message] = {
     "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
     "larger than that of {other}: the lags are those of two sensors of different gain",
     "sensor.pair_misfit": "{subject}: the two sensors do not measure one fluid through one lag "
-    "or two each: the residuals are {ratio:.2g} times the noise",
+    "or two each: the residuals are {ratio:.2g} times the noise; if the flow changes, give its "
+    "column, and the lags follow it",
+    "sensor.flow_held": "{subject}: the flow is missing in {percent:.2g} % of the rows, up to "
+    "{longest_s:.4g} s: the value before is taken there; a negative flow counts as missing",
+    "sensor.no_flow": "{subject}: the flow is missing in all rows of a part of the log; there the "
+    "lag is that at {at:g}",
     "sensor.pair_flow": "{subject}: the lags change with the flow; the file contains those of "
     "{what}",
+    "sensor.pair_exponent": "{subject}: the readings give an exponent of {exponent:.2g}, the "
+    "stated one is {stated:.2g} +- {stated_u:.2g}: check the column of the speed, and the inner "
+    "share",
     "sensor.conversion_wide": "{subject}: the response to the current does not determine the "
     "plunge's lag well: {low_s:.3g} to {high_s:.3g} s (95 %), because different films, walls and "
     "heated wires give the same response; a plunge would determine it",
@@ -195,9 +329,6 @@ OTHER_SENSOR: dict[str, Message] = {
     "is not that of a chain of lags; the lag holds for this step only",
     "sensor.slow_path": "{subject}: {percent:.2g} % of the step arrives with a time constant of "
     "{slow_s:.3g} s, through a second, slower path: lag and t90 include it",
-    "sensor.slow_or_drift": "{subject}: the record does not distinguish a slow second path "
-    "({percent:.2g} % of the step with {slow_s:.3g} s) from a drift of the quantity: the intervals "
-    "include both; log longer before and after the step",
     "sensor.structure_bound": "{subject}: the share of a second, slower path is at its bound, "
     "{percent:.3g} %: the structure does not describe the response; check the filter after the "
     "sensor, and that the record holds one step",

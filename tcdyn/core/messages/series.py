@@ -89,6 +89,9 @@ def _strays(
 
 SERIES: dict[str, Message] = {
     "series.averages": _averages,
+    "series.named_mean": "column {subject}: its name says that rows are means: state over what "
+    "time with --averages-s, {interval_s:.4g} if over all of the interval. A lag that is measured "
+    "without it contains half of that time",
     "series.few_decimals": _few_decimals,
     "series.filled_time": "column {subject}: {count} missing time(s), first in row {row} below the "
     "header, are interpolated from the rows before and after",

@@ -9,6 +9,7 @@ has a message.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -97,6 +98,56 @@ def _steps(
     )
 
 
+def _undetermined(
+    subject: str,
+    percent: float,
+    first_sample: int,
+    range_K: float,
+    unit: str,
+    option: Spelling,
+    resolution_s: float | None = None,
+    **_: Any,
+) -> str:
+    """Message of ``trace.undetermined``.
+
+    ``resolution_s`` is the shortest time whose means are determined; None where too few readings
+    are the cause.
+    """
+    text = (
+        f"{subject}: {percent:.3g} % of the record, first at sample {first_sample}, is not "
+        "determined by it: there is no reading near, the standard uncertainty exceeds the range "
+        f"of the readings ({range_K:.3g} {unit}), or the result is not possible; not reported there"
+    )
+    if resolution_s is None:
+        return text
+    if math.isinf(resolution_s):
+        return f"{text}. No mean over a third of the record or less is determined, either"
+    means = option("means", f"{resolution_s:.4g}")
+    return (
+        f"{text}. Single rows are faster than the sensor lets through: means over "
+        f"{resolution_s:.4g} s are determined ({means})"
+    )
+
+
+def _law(subject: str, quantity: str, strength: float, log_ratio: float, **_: Any) -> str:
+    """Message of ``trace.law``.
+
+    ``strength`` is the factor of the logarithm of the law with which the readings are likeliest.
+    """
+    times = f"exp({log_ratio:.0f}) times likelier"
+    if strength == 0:
+        text = f"if the lag does not follow {quantity} at all"
+    else:
+        text = f"if the exponent of the law of {quantity} is {strength:g} times as large"
+    return (
+        f"{subject}: the readings do not fit the law of the lag: they are {times} {text}. Either "
+        f"the law is wrong: check the column of {quantity}, its unit and how often it is read, the "
+        "exponent and the inner share; the result is then more uncertain than it says. Or the "
+        f"temperature itself moves more where {quantity} is high, or where it is low: the readings "
+        "do not tell which"
+    )
+
+
 # tcdyn/smoothing
 COMPENSATE: dict[str, Message] = {
     "trace.stuck": "{subject}: stuck or saturated in {percent:.2g} % of the record, first at "
@@ -129,10 +180,8 @@ COMPENSATE: dict[str, Message] = {
     "{first_sample}, stand alone behind a gap and contradict all others: the temperature changed "
     "in the gap or beyond it, and nothing tells when and how far; it is not reported there: log "
     "more readings, or give the time of the change as an event",
-    "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
-    "{first_sample}, is not determined by it: there is no reading near, the standard uncertainty "
-    "exceeds the range of the readings ({range_K:.3g} {unit}), or the temperature is not possible; "
-    "not reported there",
+    "trace.undetermined": _undetermined,
+    "trace.law": _law,
     "trace.bad": "{subject}: {percent:.2g} % of the readings are spikes or implausible and are not "
     "used",
     "inverse.noisy": _noisy_inverse,
@@ -198,9 +247,7 @@ OTHER_TRACE: dict[str, Message] = {
     "which was removed. Rows in which the column is off, or smallest, are taken as right: if it is "
     "the other state, all rows are off by the step. Lay the wires of the sensor apart from those "
     "of the load, or shield them",
-    "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample "
-    "{first_sample}, is not determined by it: there is no reading near, or the standard "
-    "uncertainty exceeds the range of the readings ({range_K:.3g} {unit}); not reported there",
+    "trace.undetermined": _undetermined,
     "noise.wave": "{subject}: a wave of {amplitude_K:.2g} {unit} at {f_Hz:.3g} Hz is taken for one "
     "of the quantity itself, of {temperature_K:.2g} {unit} before the lag; the record does not "
     "distinguish it from interference. If the quantity has no such wave, remove it from the "
