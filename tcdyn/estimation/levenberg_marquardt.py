@@ -30,6 +30,10 @@ DAMPING_TRIALS = 12
 # chosen by judgement
 REWEIGHTINGS = 25
 WEIGHTS_SETTLED = 1e-6
+# Part of a step at which the curvature along it is measured, and the largest half bend over the
+# step, as Transtrum and Sethna (2012) propose; they change the number of steps only.
+PROBE = 0.1
+LARGEST_BEND = 0.375
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,6 @@ def minimise(
     tolerance: float = 1e-6,
     relative: float = 1e-12,
     damping: float = 1e-3,
-    secant: bool = False,
 ) -> Optimum:
     """Minimise the sum of squares of ``problem`` from ``start`` (P,) by Levenberg-Marquardt steps.
 
@@ -96,10 +99,6 @@ def minimise(
         Absolute and relative decrease of the cost at which the search stops.
     damping
         Damping of the first step.
-    secant
-        Estimate from step to step what the second derivatives of the residuals add to the
-        information (Dennis, Gay and Welsch 1981). This helps in curved valleys along which the data
-        determine little, where steps by the information are too short or too long.
 
     Returns
     -------
@@ -109,6 +108,11 @@ def minimise(
 
     Notes
     -----
+    Where the problem gives its residual without Jacobian, each step follows the curve of the
+    residuals to second order (geodesic acceleration: M. K. Transtrum, J. P. Sethna, Improvements to
+    the Levenberg-Marquardt algorithm, arXiv:1201.5885, 2012). In curved valleys along which the
+    data determine little this needs up to eight times fewer steps.
+
     The damping falls to an eighth after a step that lowers the cost, and rises tenfold after one
     that does not. These factors, ``limit`` and ``damping`` change the number of steps, not the
     optimum. ``tolerance`` is in the unit of the cost: 1e-6 means a millionth of a standard
@@ -124,7 +128,7 @@ def minimise(
     >>> fit.theta.round(6), fit.status.name
     (array([2. , 0.3]), 'CONVERGED')
     """
-    options = limit, tolerance, relative, damping, secant
+    options = limit, tolerance, relative, damping
     optimum = _descend(problem, start, fixed, None, *options)
     if loss == "linear" or not np.isfinite(optimum.cost):
         return optimum
@@ -218,7 +222,6 @@ def _descend(
     tolerance: float,
     relative: float,
     damping: float,
-    secant: bool,
 ) -> Optimum:
     """Levenberg-Marquardt descent from one start: damped steps until the cost no longer falls.
 
@@ -232,7 +235,7 @@ def _descend(
         Combinations that keep their value, (C, P), besides those of the problem; None for no more.
     weights
         Robust weights of the residuals, (N,); None for all one.
-    limit, tolerance, relative, damping, secant
+    limit, tolerance, relative, damping
         As in ``minimise``.
 
     Returns
@@ -269,7 +272,6 @@ def _descend(
     steps = 0
     small_steps = 0
     model_failed = False
-    second_order = np.zeros((problem.size, problem.size))
     while steps < limit:
         at_lower = current.theta <= problem.lower
         on_bound = np.flatnonzero(at_lower | (current.theta >= problem.upper))
@@ -288,10 +290,6 @@ def _descend(
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         slope = slope * scale
         curvature = curvature * scale[:, None] * scale
-        if second_order.any():
-            curvature = _with_second_order(
-                curvature, free.T @ second_order @ free * scale[:, None] * scale
-            )
         unit = np.eye(len(slope))
         small_decrease = tolerance + relative * current.cost
         steps += 1
@@ -311,8 +309,18 @@ def _descend(
         trial = None
         model_failed = False
         for _ in range(DAMPING_TRIALS):
-            step = -free @ (scale * np.linalg.solve(curvature + damping * unit, slope))
-            step = step / max(1.0, float(np.max(np.abs(step) / problem.max_step)))
+            damped = curvature + damping * unit
+            straight = -np.linalg.solve(damped, slope)
+            longest = np.max(np.abs(free @ (scale * straight)) / problem.max_step)
+            straight /= max(1.0, float(longest))
+            step = free @ (scale * straight)
+            pull = _pull_of_curve(problem, current, step, weights)
+            if pull is not None:
+                bend = -0.5 * np.linalg.solve(damped, scale * (free.T @ pull))
+                if np.linalg.norm(bend) > LARGEST_BEND * np.linalg.norm(straight):
+                    damping = max(damping * 10.0, 1e-3)
+                    continue
+                step = step + free @ (scale * bend)
             trial = _evaluated_state(
                 problem, _project_to_box(current.theta + step, problem, rows), weights
             )
@@ -325,8 +333,6 @@ def _descend(
             status = Status.EDGE if model_failed else converged_status
             break
         small_steps = small_steps + 1 if current.cost - trial.cost <= small_decrease else 0
-        if secant:
-            second_order = _updated_second_order(second_order, current, trial, weights)
         current = trial
         damping = max(damping / 8.0, 1e-12)
     return Optimum(
@@ -343,67 +349,37 @@ def _descend(
     )
 
 
-def _with_second_order(information: Array, second_order: Array) -> Array:
-    """The curvature with its second-order part, if it stays positive enough.
+def _pull_of_curve(
+    problem: Problem, current: _State, step: Array, weights: Array | None
+) -> Array | None:
+    """Half the gradient of the cost (P,) that the curvature of the residuals along a step adds.
 
     Parameters
     ----------
-    information
-        Gauss-Newton curvature, (F, F).
-    second_order
-        Estimated second-order part, (F, F).
-
-    Returns
-    -------
-    The sum, (F, F); ``information`` itself where less than a tenth of it would remain in any
-    direction (chosen by judgement).
-    """
-    curvature = information + second_order
-    try:
-        np.linalg.cholesky(curvature - 0.1 * information)
-    except np.linalg.LinAlgError:
-        return information
-    return curvature
-
-
-def _updated_second_order(
-    second_order: Array, before: _State, after: _State, weights: Array | None
-) -> Array:
-    """Update the estimate of sum_i residual_i (its second derivatives) after a step.
-
-    Parameters
-    ----------
-    second_order
-        Estimate before the step, (P, P).
-    before, after
-        States at the start and the end of the step.
+    problem
+        What is fitted.
+    current
+        The state at the start of the step.
+    step
+        The step (P,).
     weights
-        Robust weights, (N,); None for all one.
+        Robust weights (N,); None for all one.
 
     Returns
     -------
-    New estimate, (P, P).
-
-    Notes
-    -----
-    Sized secant update of least change: Dennis, Gay and Welsch (1981), An adaptive nonlinear
-    least-squares algorithm, ACM Trans. Math. Softw. 7, 348-368.
-    ``tests/estimation/test_fitting.py`` shows that it saves steps.
+    array or None
+        None where the problem has no residual without Jacobian, or where it cannot be computed.
     """
-    step = after.theta - before.theta
-    gradient_change = after.gradient - before.gradient
-    along = float(gradient_change @ step)
-    if along <= 0:
-        return second_order
-    weighted = after.residual if weights is None else after.residual * weights
-    target = (after.jacobian - before.jacobian).T @ weighted
-    predicted = abs(float(step @ second_order @ step))
-    if predicted:
-        second_order = second_order * min(1.0, abs(float(step @ target)) / predicted)
-    missing = target - second_order @ step
-    product = np.outer(missing, gradient_change)
-    correction = float(missing @ step) / along * np.outer(gradient_change, gradient_change)
-    return second_order + (product + product.T - correction) / along
+    ahead = current.theta + PROBE * step
+    is_inside = np.all(ahead >= problem.lower) and np.all(ahead <= problem.upper)
+    if problem.residual is None or not is_inside:
+        return None
+    residual = problem.residual(ahead)
+    if residual is None:
+        return None
+    change = (residual - current.residual) / PROBE
+    second = 2 / PROBE * (change - current.jacobian @ step)
+    return np.asarray(current.jacobian.T @ (second if weights is None else second * weights))
 
 
 def free_directions(fixed: Array) -> Array:

@@ -65,6 +65,9 @@ class Problem:
         Largest change of a parameter in one step of a search (P,).
     fixed
         Combinations ``fixed @ theta`` (C, P) that every search leaves at their start values.
+    residual
+        The residual alone (N,), where that takes much less time than with its Jacobian; None for
+        none. Searches then follow curved valleys in fewer steps.
     size
         P.
     precision
@@ -84,6 +87,7 @@ class Problem:
     upper: Array = None  # type: ignore[assignment]
     max_step: Array = None  # type: ignore[assignment]
     fixed: Array = None  # type: ignore[assignment]
+    residual: Callable[[Array], Array | None] | None = None
     size: int = field(init=False, repr=False)
     precision: Array = field(init=False, repr=False)
 

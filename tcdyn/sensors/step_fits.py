@@ -297,9 +297,17 @@ def fit_curve(
         jacobian = np.stack(slopes, axis=1)
         return colour.whiten(residual, full) / noise_K, colour.whiten(jacobian, full) / noise_K
 
+    def whitened_residual(theta: Array) -> Array | None:
+        """Return whitened residuals at theta; None where there is no curve."""
+        curve = model(theta)
+        if curve is None:
+            return None
+        return np.asarray(colour.whiten((curve - y)[finite], full) / noise_K)
+
     problem = Problem(
         tuple(names),
         evaluate,
+        residual=whitened_residual,
         prior_mean=prior_mean,
         prior_sd=prior_sd,
         lower=low,

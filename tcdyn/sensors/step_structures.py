@@ -66,8 +66,9 @@ SETTLING_SHARE = 0.5
 # Odds, before the data, of a stem that conducts, over those of none, by the junction. By judgement:
 # it is common for an exposed one in air, and otherwise rare; the data then show it clearly.
 FIN_ODDS = {"insulated": 0.05, "grounded": 0.05, "exposed": 1.0}
-# Steps of the search, at most: a stem that conducts needs up to 120 along its curved valley; with
-# 40 its lag is up to 60 standard uncertainties off (`python -m tests.sensors.hand_study`)
+# Steps of the search, at most. Along the curved valley of a stem that conducts 20 to 40 are needed;
+# a search that ends before leaves its lag up to 60 standard uncertainties off
+# (`python -m tests.sensors.hand_study`).
 MAX_STEPS = 150
 # Fall of the sum of squares, in squared noises, at which the search for a structure of a dip ends;
 # 1e-3 changes lag and times by less than 0.01 u (`python -m tests.behaviour.store "sensor plunge"`)
