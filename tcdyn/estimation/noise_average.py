@@ -1,6 +1,7 @@
 """A linear estimate averaged over possible noise models (Bayesian model averaging).
 
-The models are white noise plus a first-order disturbance of any time constant.
+The models are white noise plus a first-order disturbance of any time constant, and slow waves of
+any size, which are columns of the linear problem.
 ``tcdyn.identification.disturbance`` uses it. Guarded by ``tests/estimation/test_noise_models.py``
 and ``tests/estimation/test_fitting.py``.
 """
@@ -8,7 +9,8 @@ and ``tests/estimation/test_fitting.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -32,6 +34,10 @@ MAX_TAU_RECORDS = 10.0
 RANDOM_WALK_PROBABILITY = 0.8
 # logit of the Kalman gain: from hardly any disturbance to disturbance only
 GAIN = (-9.0, 5.0)
+# Sizes of the slow waves: the least over the noise of the mean of the record, which has no effect;
+# ratio of two neighbours, finer than the width of their likelihood
+LEAST_WAVE = 0.1
+WAVE_RATIO = 2.5
 
 
 def first_order_noise(log_tau: float, logit_gain: float) -> NoiseModel:
@@ -54,6 +60,27 @@ def first_order_noise(log_tau: float, logit_gain: float) -> NoiseModel:
     return NoiseModel((-a,), (-a * (1 - k),), averaged=True)
 
 
+class NoiseNode(NamedTuple):
+    """One disturbance, and what the data say under it.
+
+    Parameters
+    ----------
+    log_likelihood
+        Marginal likelihood, up to a constant that is the same for all nodes.
+    step
+        Step of x from the point of linearisation, (P,).
+    covariance
+        Covariance of the step, (P, P).
+    wave_sd
+        Standard deviation of the first wave over that of the noise.
+    """
+
+    log_likelihood: float
+    step: Array
+    covariance: Array
+    wave_sd: float = 0.0
+
+
 @dataclass(frozen=True)
 class LinearisedProblem:
     """A problem linearised at some x.
@@ -63,17 +90,22 @@ class LinearisedProblem:
     residual
         Residuals (N,).
     jacobian
-        Jacobian (N, P) in the scale ``size`` of its columns; the last ``n_drifts`` columns are
-        those of drifts.
+        Jacobian (N, P) in the scale ``size`` of its columns; the last W columns are those of the
+        slow waves.
     size
         Scale of the columns (P,); infinite for a fixed parameter.
     prior
         Rows of the prior, (C, P + 1), in the scale of ``jacobian``; the last column is their
-        residual.
+        residual. The waves have none.
     segments
         Segments of the record without gaps.
-    n_drifts
-        Number of drift columns.
+    waves
+        Values of the waves at the point of linearisation (W,).
+    wave_shares
+        Prior standard deviation of each wave over that of the first (W,).
+    wave_sds
+        Standard deviations of the first wave, over that of the noise, that are compared (A,). All
+        are equally probable.
     """
 
     residual: Array
@@ -81,12 +113,15 @@ class LinearisedProblem:
     size: Array
     prior: Array
     segments: list[slice]
-    n_drifts: int
+    waves: Array = field(default_factory=lambda: np.zeros(0))
+    wave_shares: Array = field(default_factory=lambda: np.zeros(0))
+    wave_sds: Array = field(default_factory=lambda: np.zeros(1))
 
-    def marginal_likelihood(self, noise: NoiseModel) -> tuple[float, Array, Array]:
-        """Marginal likelihood of a noise model, and the step of x under it.
+    def marginal_likelihoods(self, noise: NoiseModel) -> list[NoiseNode]:
+        """Marginal likelihood of a noise model with waves of each size, and the step of x under it.
 
-        The noise level and x are integrated out.
+        The noise level and x are integrated out. Sizes whose likelihood is far below that of the
+        best are left out.
 
         Parameters
         ----------
@@ -95,47 +130,52 @@ class LinearisedProblem:
 
         Returns
         -------
-        log_likelihood
-            Up to a constant that is the same for all noise models.
-        step
-            Step of x from the point of linearisation, (P,).
-        covariance
-            Covariance of the step, (P, P).
+        list of NoiseNode
+            At most one for each of ``wave_sds``.
 
         Notes
         -----
-        -2 ln L = (N - P) ln |w|^2 + ln det J'WJ + ln det of the noise (Patterson and Thompson
-        1971). A drift has the prior that one independent sample would give, so that it costs the
-        logarithm of their number, as in BIC. The constants 1e-300 and 1e-12 only keep the
-        logarithms finite for an exact fit and for collinear columns. Guarded by
-        ``tests/estimation/test_noise_models.py``.
+        -2 ln L = (N - P + W) ln |w|^2 + ln det J'WJ - ln det of the prior of the waves + ln det of
+        the noise (Patterson and Thompson 1971); J and w include the rows of the priors. The
+        constants 1e-300 and 1e-12 only keep the logarithms finite for an exact fit and for
+        collinear columns. Guarded by ``tests/estimation/test_noise_models.py``.
         """
         table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.segments)
-        factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
+        rows = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
         p = len(self.size)
-        n = len(self.residual)
-        upper = factor[:p, :p]
-        free = p - self.n_drifts
-        residual_square = float(factor[-1, -1] ** 2) + 1e-300
-        free_columns = np.isfinite(self.size[:free])
-        volume = 2 * float(np.sum(np.log(np.abs(np.diag(upper))[:free][free_columns] + 1e-12)))
-        deviance = (
-            (n - free) * np.log(residual_square) + volume + noise.log_determinant(self.segments)
+        n_waves = len(self.waves)
+        dof = len(self.residual) - p + n_waves
+        # rows of the prior of the waves for each size (A, W, P + 1)
+        root = 1 / np.outer(self.wave_sds, self.wave_shares) if n_waves else np.zeros((1, 0))
+        prior = np.zeros((len(root), n_waves, p + 1))
+        wave = np.arange(n_waves)
+        prior[:, wave, p - n_waves + wave] = root / self.size[p - n_waves :]
+        prior[:, wave, p] = root * self.waves
+        stacked = np.concatenate([np.broadcast_to(rows, (len(root), *rows.shape)), prior], axis=1)
+        factors = np.asarray(np.linalg.qr(stacked, mode="r"))
+        residual_squares = factors[:, p, p] ** 2 + 1e-300
+        diagonals = np.abs(np.diagonal(factors, axis1=1, axis2=2))[:, :p]
+        free = np.isfinite(self.size)
+        volumes = 2 * np.log(diagonals[:, free] + 1e-12).sum(axis=1)
+        volumes -= 2 * np.log(root / self.size[p - n_waves :]).sum(axis=1)
+        log_likelihoods = -0.5 * (
+            dof * np.log(residual_squares) + volumes + noise.log_determinant(self.segments)
         )
-        if self.n_drifts:
-            deviance += self.n_drifts * np.log(noise.effective_samples(n))
-        unit = inverse(upper.T @ upper)
-        step = -unit @ (upper.T @ factor[:p, p])
-        return (
-            -0.5 * deviance,
-            step / self.size,
-            residual_square / (n - p) * unit / np.outer(self.size, self.size),
-        )
+        nodes = []
+        for k in np.flatnonzero(log_likelihoods > log_likelihoods.max() - 2 * MAX_LOG_DROP):
+            upper = factors[k, :p, :p]
+            unit = inverse(upper.T @ upper)
+            step = -unit @ (upper.T @ factors[k, :p, p]) / self.size
+            covariance = residual_squares[k] / dof * unit / np.outer(self.size, self.size)
+            nodes.append(
+                NoiseNode(float(log_likelihoods[k]), step, covariance, float(self.wave_sds[k]))
+            )
+        return nodes
 
 
 @dataclass(frozen=True)
 class NoiseGrid:
-    """Noise models on a grid, each with its marginal likelihood and the step of x under it.
+    """Noise models on a grid, each with its marginal likelihoods and the steps of x under it.
 
     Parameters
     ----------
@@ -147,13 +187,13 @@ class NoiseGrid:
     noises
         Noise model at each point.
     nodes
-        Log likelihood, step and covariance at each point, as ``marginal_likelihood`` returns them.
+        Nodes of each point, as ``marginal_likelihoods`` returns them.
     """
 
     box: Array
     points: Array
     noises: tuple[NoiseModel, ...]
-    nodes: tuple[tuple[float, Array, Array], ...]
+    nodes: tuple[list[NoiseNode], ...]
 
     @classmethod
     def build(cls, linearised: LinearisedProblem, box: Array) -> NoiseGrid:
@@ -178,9 +218,9 @@ class NoiseGrid:
             step = np.ptp(box, axis=1) / GRID
             grid_points = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
             noises = tuple(first_order_noise(*point) for point in grid_points.tolist())
-            nodes = tuple(linearised.marginal_likelihood(noise) for noise in noises)
-            log_likelihood = np.array([node[0] for node in nodes])
-            likely_points = grid_points[log_likelihood > log_likelihood.max() - MAX_LOG_DROP]
+            nodes = tuple(linearised.marginal_likelihoods(noise) for noise in noises)
+            highest = np.array([max(node.log_likelihood for node in each) for each in nodes])
+            likely_points = grid_points[highest > highest.max() - MAX_LOG_DROP]
             smaller_box = np.column_stack(
                 [likely_points.min(axis=0) - step, likely_points.max(axis=0) + step]
             )
@@ -193,12 +233,12 @@ class NoiseGrid:
 
     def average(
         self, linearised: LinearisedProblem, other_models: Sequence[NoiseModel]
-    ) -> tuple[float, float, NoiseModel, Array, Array]:
+    ) -> NoiseMixture:
         """Average over the grid and the noise models ``other_models``.
 
         All gains from 0 to 1 are equally probable, and so are logarithms of the time constant
         within the record, and beyond it. Each of the other_models is as probable as all first-order
-        models together.
+        models together. The sizes of the slow waves are equally probable.
 
         Parameters
         ----------
@@ -209,16 +249,8 @@ class NoiseGrid:
 
         Returns
         -------
-        evidence
-            Log evidence.
-        random_walk_share
-            Probability of random walks.
-        likeliest
-            Most likely noise model.
-        mean
-            Mean step of x, (P,).
-        covariance
-            Its covariance, (P, P), with the spread between the models.
+        NoiseMixture
+            The average.
 
         Notes
         -----
@@ -236,16 +268,73 @@ class NoiseGrid:
             (1 - RANDOM_WALK_PROBABILITY) / np.log(n / MIN_TAU_SAMPLES),
         )
         prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)
-        nodes = [*self.nodes, *(linearised.marginal_likelihood(noise) for noise in other_models)]
-        log_likelihood = np.array([node[0] for node in nodes])
-        log_weight = log_likelihood + np.log([*prior, *np.ones(len(other_models))])
-        means = np.array([node[1] for node in nodes])
-        covariances = np.array([node[2] for node in nodes])
-        mean, covariance = mixture_moments(log_weight, means, covariances)
-        likeliest = [*self.noises, *other_models][int(np.argmax(log_likelihood))]
+        noises = [*self.noises, *other_models]
+        all_nodes = [*self.nodes, *map(linearised.marginal_likelihoods, other_models)]
+        counts = [len(each) for each in all_nodes]
+        nodes = [node for each in all_nodes for node in each]
+        number = np.repeat(np.arange(len(noises)), counts)
+        log_prior = np.log([*prior, *np.ones(len(other_models))])
+        log_prior -= np.log(len(linearised.wave_sds))
+        log_weight = np.array([node.log_likelihood for node in nodes]) + log_prior[number]
         evidence = float(logsumexp(log_weight))
-        walk_share = float(np.sum(np.exp(log_weight[: len(walks)] - evidence)[walks]))
-        return evidence, walk_share, likeliest, mean, covariance
+        is_walk = np.append(walks, np.zeros(len(other_models), dtype=bool))[number]
+        walk_share = float(np.exp(log_weight[is_walk] - evidence).sum())
+        used = log_weight > log_weight.max() - 2 * MAX_LOG_DROP
+        kept = [node for node, is_used in zip(nodes, used) if is_used]
+        mean, covariance = mixture_moments(
+            log_weight[used],
+            np.array([node.step for node in kept]),
+            np.array([node.covariance for node in kept]),
+        )
+        best = int(np.argmax([node.log_likelihood for node in nodes]))
+        return NoiseMixture(
+            evidence, walk_share, noises[number[best]], nodes[best].wave_sd, mean, covariance
+        )
+
+
+class NoiseMixture(NamedTuple):
+    """A linear estimate averaged over noise models.
+
+    Parameters
+    ----------
+    evidence
+        Log evidence.
+    walk_share
+        Probability of random walks.
+    noise, wave_sd
+        Most likely noise model, and size of the waves.
+    step
+        Mean step of x, (P,).
+    covariance
+        Its covariance, (P, P), with the spread between the models.
+    """
+
+    evidence: float
+    walk_share: float
+    noise: NoiseModel
+    wave_sd: float
+    step: Array
+    covariance: Array
+
+
+def wave_sizes(n: int, largest: float) -> Array:
+    """Sizes of slow waves over the noise (A,), from one without effect to the largest.
+
+    Parameters
+    ----------
+    n
+        Number of samples.
+    largest
+        The largest, over the noise.
+
+    Examples
+    --------
+    >>> wave_sizes(100, 1.0).round(2).tolist()
+    [0.01, 0.02, 0.06, 0.15, 0.39, 0.98]
+    """
+    least = LEAST_WAVE / np.sqrt(n)
+    count = int(np.log(max(largest / least, 1.0)) / np.log(WAVE_RATIO)) + 1
+    return least * WAVE_RATIO ** np.arange(count, dtype=float)
 
 
 def full_box(n: int) -> Array:

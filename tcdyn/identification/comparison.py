@@ -143,12 +143,13 @@ class Comparison(Result):
 
     @cached_property
     def averaged(self) -> Mapping[str, Mapping[str, Estimate]]:
-        """Gain and lag of each input, averaged over the models.
+        """Gain, lag and dead time of each input, averaged over the models.
 
         Returns
         -------
         mapping
-            By input, "gain" (output over input unit) and "lag_s" [s].
+            By input, "gain" (output over input unit), "lag_s" and "dead_time_s" [s]; a model
+            without a dead time counts with zero.
 
         Notes
         -----
@@ -171,8 +172,13 @@ class Comparison(Result):
         table = comparison_table(self.table, best.output_unit).to_string(index=False)
         averages = []
         for name, estimates in self.averaged.items():
-            texts = f"gain {estimates['gain'].text()}, lag {estimates['lag_s'].text('s')}"
-            averages.append(f"Averaged over these models, {name}: {texts}.")
+            gain = estimates["gain"].text()
+            lag = estimates["lag_s"].text("s")
+            dead_time = estimates["dead_time_s"].text("s")
+            averages.append(
+                f"Averaged over these models, {name}: gain {gain}, lag {lag}, of which dead time "
+                f"{dead_time}."
+            )
         return "\n".join(
             [advice, "", best.summary(spelling), "", *averages, "", table, "", TABLE_LEGEND]
         )
@@ -802,7 +808,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         is_finite = noise.time_constant < len(final.residual)
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
-        numbers |= {name: final.identified.statistics[name] for name in ("p_walk", "p_drift")}
+        statistics = final.identified.statistics
+        numbers |= {name: statistics[name] for name in ("p_walk", "wave") if name in statistics}
     elif setting.has_disturbance:
         numbers["order"] = list(noise.order)
         numbers["baseline"] = setting.baseline
@@ -873,7 +880,7 @@ def likely_models(table: pd.DataFrame, fits: Mapping[str, Fit]) -> dict[str, flo
 def average_gain_and_lag(
     table: pd.DataFrame, fits: Mapping[str, Fit], recommended: str
 ) -> Mapping[str, Mapping[str, Estimate]]:
-    """Average gain and lag over models by their BIC.
+    """Average gain, lag and dead time over models by their BIC.
 
     Parameters
     ----------
@@ -887,7 +894,7 @@ def average_gain_and_lag(
     Returns
     -------
     mapping
-        By input, "gain" and "lag_s"; empty for an integrator.
+        By input, "gain", "lag_s" and "dead_time_s"; empty for an integrator.
     """
     best = fits[recommended]
     if best.identified.model.integrators:
@@ -908,8 +915,17 @@ def average_gain_and_lag(
             averages[name] = {
                 "gain": mixture([model.static_gain for _, model in used], used_weights),
                 "lag_s": mixture([model.lag_s for _, model in used], used_weights),
+                "dead_time_s": mixture([dead_time_s(model) for _, model in used], used_weights),
             }
     return averages
+
+
+def dead_time_s(model: Identified) -> Estimate:
+    """Dead time of a model of one input [s]; zero with the uncertainty of the times without one."""
+    found = model.estimates.get("Td")
+    if found is not None:
+        return found
+    return Estimate.normal(model.theta.get("Td", 0.0), model.timing_u_s)
 
 
 @with_named_arguments

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.polynomial.polynomial import polyfromroots
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
-from scipy.special import logsumexp, softmax
 
 from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.core import Array
 from tcdyn.estimation import NoiseModel, Optimum, fit_ar, fit_arma
 from tcdyn.estimation.arma import coefficients_from_partial, partial_correlations
-from tcdyn.estimation.noise_average import LinearisedProblem, NoiseGrid, full_box, mixture_moments
+from tcdyn.estimation.noise_average import LinearisedProblem, NoiseGrid, full_box, wave_sizes
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.knowledge import measured_rows
@@ -420,8 +419,6 @@ class NoiseAverage:
         Logarithm of the likelihood, averaged over all noise models.
     p_walk
         Probability that the memory of the disturbance is longer than the record.
-    p_drift
-        Probability of a linear drift.
     """
 
     problem: IdentificationProblem
@@ -431,7 +428,6 @@ class NoiseAverage:
     covariance: Array
     evidence: float
     p_walk: float
-    p_drift: float
 
     def point_estimate(
         self, weights: Array | None
@@ -520,13 +516,17 @@ def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> 
     jacobian = rows[1] * inside / scale
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = np.inf
+    wave = problem.wave_slice
     prior_root = np.sqrt(problem.prior_precision)
+    prior_root[wave] = 0.0
     distance = prior_root * (x - problem.prior_mean)
     prior = np.column_stack([np.diag(prior_root / scale / size), distance])[prior_root > 0]
-    n_drifts = len(problem.run_start_s) if problem.trend else 0
-    return LinearisedProblem(
-        rows[0], jacobian / size, size, prior, problem.residual_slices, n_drifts
-    )
+    linear = LinearisedProblem(rows[0], jacobian / size, size, prior, problem.residual_slices)
+    if not problem.n_waves:
+        return linear
+    largest = float(np.ptp(problem.measured_output)) / problem.noise_sd
+    sizes = wave_sizes(len(rows[0]), largest)
+    return replace(linear, waves=x[wave], wave_shares=problem.wave_shares, wave_sds=sizes)
 
 
 def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> NoiseAverage:
@@ -554,57 +554,23 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
     for _ in range(MAX_AVERAGE_ROUNDS):
         linear = linearise(problem, optimum.theta, root)
         grid = NoiseGrid.build(linear, box)
-        evidence, p_walk, noise, step, covariance = grid.average(linear, other_noises)
-        mean = natural_parameters(problem, optimum.theta) + step
-        tolerance = AVERAGE_TOLERANCE * np.sqrt(np.diag(covariance))
-        if box is grid.box or np.all(np.abs(step) <= tolerance):
+        mixture = grid.average(linear, other_noises)
+        mean = natural_parameters(problem, optimum.theta) + mixture.step
+        tolerance = AVERAGE_TOLERANCE * np.sqrt(np.diag(mixture.covariance))
+        if box is grid.box or np.all(np.abs(mixture.step) <= tolerance):
             break
-        core = problem.least_squares_problem(noise, root)
+        if problem.n_waves:
+            problem = replace(problem, wave_sd=mixture.wave_sd)
+        core = problem.least_squares_problem(mixture.noise, root)
         optimum = search(problem, core, optimum.theta)
         problem = replace(problem, noise_sd=residual_sd(optimum, problem))
         box = grid.box
-    p_drift = float(problem.trend)
-    return NoiseAverage(problem, optimum, noise, mean, covariance, evidence, p_walk, p_drift)
-
-
-def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
-    """The average of several averages, weighted by their evidence.
-
-    The problem is that of the last whose weight is not negligible. The earlier ones are its
-    special case in which the last unknowns are zero.
-
-    Parameters
-    ----------
-    averages
-        Averages of nested problems, the smallest first.
-
-    Returns
-    -------
-    NoiseAverage
-        The mixture.
-
-    Notes
-    -----
-    Averages of less than ``MIN_PROBABILITY`` do not count for mean and covariance.
-    """
-    evidence = np.array([a.evidence for a in averages])
-    weight = softmax(evidence)
-    index = [k for k in range(len(averages)) if weight[k] > MIN_PROBABILITY]
-    used = [averages[k] for k in index]
-    last = used[-1]
-    size = len(last.mean)
-    means = np.array([np.pad(a.mean, (0, size - len(a.mean))) for a in used])
-    covariances = np.array([np.pad(a.covariance, (0, size - len(a.mean))) for a in used])
-    mean, covariance = mixture_moments(evidence[index], means, covariances)
-    likeliest = averages[int(np.argmax(evidence))].noise
-    probability = weight[index] / weight[index].sum()
     return NoiseAverage(
-        last.problem,
-        last.optimum,
-        likeliest,
+        problem,
+        optimum,
+        mixture.noise,
         mean,
-        covariance,
-        evidence=float(logsumexp(evidence)),
-        p_walk=float(probability @ [a.p_walk for a in used]),
-        p_drift=float(probability @ [a.p_drift for a in used]),
+        mixture.covariance,
+        mixture.evidence,
+        mixture.walk_share,
     )

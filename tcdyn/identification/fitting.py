@@ -36,7 +36,6 @@ from tcdyn.identification.disturbance import (
     alternate,
     average_over_noise,
     input_noise_model,
-    mix_averages,
     noise_estimator,
     without_spikes,
 )
@@ -232,6 +231,7 @@ def fit(
     is_weighted = result.optimum.weights is not None
     if intervals != "quadratic" and not is_weighted:
         result = replace_poor_intervals(result, intervals == "profile")
+    result = replace(result, identified=result.identified.with_timing(data.timing_u_s))
     conflicts = prior_conflicts(structure, result.estimates, options["prior"])
     return add_findings(result, (*conflicts, *data.findings))
 
@@ -372,10 +372,10 @@ def _fit_average(
     data: IOData,
     problem: IdentificationProblem,
     optimum: Optimum,
-    may_drift: bool,
+    has_waves: bool,
     covariance: Covariance,
 ) -> Fit:
-    """Fit by averaging over slow first-order noise models (:mod:`tcdyn.estimation.noise_average`).
+    """Fit by averaging over slow disturbances (:mod:`tcdyn.estimation.noise_average`).
 
     Parameters
     ----------
@@ -383,33 +383,48 @@ def _fit_average(
         The record.
     problem, optimum
         The identification problem and its optimum with white noise.
-    may_drift
-        Whether a linear drift of each run is averaged over too.
+    has_waves
+        Whether each run has slow waves, over whose size the fit is averaged.
     covariance
         As in :func:`fit`.
 
     Returns
     -------
     Fit
-        The fit. Its statistics ``p_walk`` and ``p_drift`` are the probabilities of a random walk
-        and of a linear drift.
+        The fit. Its statistic ``p_walk`` is the probability of a random walk, and ``wave`` the
+        range of the estimated waves over that of the output.
+
+    Notes
+    -----
+    The search starts with waves whose size lies, on a logarithmic scale, halfway between the noise
+    and the range of the output.
     """
     weights = optimum.weights
-    fits = [(problem, optimum)]
-    if may_drift:
-        with_trend = replace(problem, trend=True)
-        no_drift = np.append(optimum.theta, np.zeros(with_trend.size - problem.size))
-        candidates = [no_drift, *distinct_starts(with_trend, starts(with_trend))]
-        best = search(with_trend, start=candidates)
+    if has_waves:
+        ratio = float(np.ptp(problem.measured_output)) / problem.noise_sd
+        problem = replace(problem, wave_sd=max(np.sqrt(ratio), 1.0))
+        no_waves = np.append(optimum.theta, np.zeros(problem.size - len(optimum.theta)))
+        optimum = search(problem, start=[no_waves, *distinct_starts(problem, starts(problem))])
         if weights is not None:
-            best = _fit_weighted(with_trend, best, weights)
-        fits.append((with_trend, best))
-    average = mix_averages([average_over_noise(*each) for each in fits])
+            optimum = _fit_weighted(problem, optimum, weights)
+    average = average_over_noise(problem, optimum)
     problem, best, noise, cov_x = average.point_estimate(weights)
     result = make_fit(data, problem, best, noise, "linear", covariance, cov_x, weights)
-    probabilities = {"p_walk": average.p_walk, "p_drift": average.p_drift}
-    statistics = {**result.identified.statistics, **probabilities}
+    statistics = {**result.identified.statistics, "p_walk": average.p_walk}
+    if has_waves:
+        statistics["wave"] = wave_range(problem, best.theta)
     return replace(result, identified=replace(result.identified, statistics=statistics))
+
+
+def wave_range(problem: IdentificationProblem, x: Array) -> float:
+    """Range of the slow waves within a run, the largest over the runs, over that of the output."""
+    wave = problem.wave_slice
+    ranges = []
+    for s in problem.segments:
+        first_s = s.start_s - problem.run_start_s[s.run]
+        since_s = first_s + problem.dt_s * np.arange(len(s.y), dtype=np.float64)
+        ranges.append(np.ptp(problem.baseline(s.run, since_s)[:, wave] @ x[wave]))
+    return float(max(ranges) / np.ptp(problem.measured_output))
 
 
 def make_fit(
@@ -511,7 +526,7 @@ def final_offset(
 ) -> float:
     """Return the offset of the model at the end of the data, in the output's unit.
 
-    A drift is not extrapolated.
+    Drift and waves are not extrapolated.
 
     Parameters
     ----------
@@ -527,16 +542,18 @@ def final_offset(
     Returns
     -------
     float
-        The mean offset of the runs, plus the mean drift at their ends, plus the last level of a
-        random walk.
+        The mean offset of the runs, plus the means of drift and waves at their ends, plus the last
+        level of a random walk.
     """
     offsets = x[problem.n_model : problem.offset_and_state_slices[0][1].start]
     level = float(np.mean(offsets)) if len(offsets) else 0.0
-    if problem.trend:
+    first = problem.drift_slice.start
+    if first < problem.size:
         ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}
-        spans = [ends[run] - problem.run_start_s[run] for run in sorted(ends)]
-        drifts = x[-len(problem.run_start_s) :]
-        level += float(np.mean(drifts * spans)) / problem.longest_segment_s
+        for run, end_s in ends.items():
+            since_s = np.array([end_s - problem.run_start_s[run]])
+            at_end = problem.baseline(run, since_s)[0, first:] @ x[first:]
+            level += float(at_end) / len(ends)
     if noise.is_random_walk:
         level += float(np.mean(residual[-MIN_SEGMENT_SAMPLES:]))
     return level

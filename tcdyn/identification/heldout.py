@@ -136,9 +136,9 @@ def held_out_statistics(
     Nothing is fitted to the scored samples. A record that is scored from some time on continues
     from the state that fits the samples before. The state of any other segment, where it is free,
     is fitted to its first samples (``STATE_SHARE``), which are not scored. A drift continues with
-    its fitted slope, and a disturbance as its noise model forecasts it from the samples before
-    (:func:`forecast`). The probability is that of an F test of the variance of the innovations over
-    that of the fit; coloured innovations count as fewer samples.
+    its fitted slope, slow waves stay as at the end, and a disturbance as its noise model forecasts
+    it from the samples before (:func:`forecast`). The probability is that of an F test of the
+    variance of the innovations over that of the fit; coloured innovations count as fewer samples.
 
     ``tests/identify/test_identify_held_out.py`` checks that a change of the scored outputs does
     not change the simulation.
@@ -159,6 +159,7 @@ def held_out_statistics(
         dt_s=test.dt_s,
         holds=test.holds,
         trend=False,
+        wave_sd=0.0,
     )
     scored = []
     state_segments = []
@@ -209,7 +210,7 @@ def drift_since_end(result: Fit, times_s: Array) -> Array:
     if not problem.trend:
         return np.zeros(len(times_s))
     end_s = max(s.start_s + len(s.y) * problem.dt_s for s in problem.segments)
-    slope = float(np.mean(result.x[-len(problem.run_start_s) :])) / problem.longest_segment_s
+    slope = float(np.mean(result.x[problem.drift_slice])) / problem.longest_segment_s
     return slope * (times_s - end_s)
 
 

@@ -83,6 +83,31 @@ def select_holds(
     return tuple(holds), findings
 
 
+def timing_u_s(hold: Holds | Literal["auto"], dt_s: float) -> float:
+    """Standard uncertainty of the time of the output against the inputs [s].
+
+    Parameters
+    ----------
+    hold
+        The hold as the user has stated it, or "auto".
+    dt_s
+        Sampling interval [s].
+
+    Returns
+    -------
+    float
+        That of a uniform distribution over half a row on either side, dt / sqrt(12) (JCGM
+        100:2008, 4.3.7): a logger may average over a row, read its channels one after the other,
+        or write an input that was set within the row. Zero for a stated hold.
+
+    Examples
+    --------
+    >>> round(timing_u_s("auto", 1.0), 4), timing_u_s("zoh", 1.0)
+    (0.2887, 0.0)
+    """
+    return dt_s / np.sqrt(12) if hold == "auto" else 0.0
+
+
 def is_setpoint(u: Array) -> tuple[bool, float]:
     """Whether a computer has set the input ``u`` (N,).
 

@@ -37,7 +37,7 @@ from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.labels import common_index
 from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.identification.holds import Holds, hold_of_each, hold_text
-from tcdyn.identification.models import KnownDynamics, Model, several, transfer
+from tcdyn.identification.models import KnownDynamics, Model, base_name, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
 from tcdyn.io.stored import IDENTIFIED, check_schema, read_json
 from tcdyn.rig.disk import Conditioning
@@ -94,6 +94,9 @@ class Identified(Dynamics, Result):
         The conclusion of the validation.
     findings
         Findings about the record and the model.
+    timing_u_s
+        Standard uncertainty of the time of the output against the inputs [s]; it is in lag, dead
+        time and percent times, and not in the covariance.
     """
 
     model: Model
@@ -111,6 +114,7 @@ class Identified(Dynamics, Result):
     statistics: Mapping[str, float] = field(default_factory=dict)
     sentence: str = ""
     findings: tuple[Finding, ...] = ()
+    timing_u_s: float = 0.0
 
     @classmethod
     def of(
@@ -137,6 +141,20 @@ class Identified(Dynamics, Result):
         u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         estimates = {n: Estimate.normal(theta[n], u_n) for n, u_n in zip(model.free, u)}
         return cls(model, theta, covariance, estimates, **more)
+
+    def with_timing(self, u_s: float) -> Identified:
+        """Return the model with an uncertainty of the time of the output against the inputs.
+
+        Parameters
+        ----------
+        u_s
+            The standard uncertainty [s], which lag, dead time and percent times then include.
+        """
+        estimates = {
+            name: value.with_error(u_s) if base_name(name) == "Td" else value
+            for name, value in self.estimates.items()
+        }
+        return replace(self, estimates=estimates, timing_u_s=u_s)
 
     @cached_property
     def by_input(self) -> Mapping[str, Identified]:
@@ -397,6 +415,7 @@ class Identified(Dynamics, Result):
                 "lag_s": lag,
                 "input": {"name": self.input_name, "unit": self.input_unit},
                 "output": {"name": self.output_name, "unit": self.output_unit},
+                "timing_u_s": self.timing_u_s,
                 "warnings": self.warnings,
                 "findings": [f.to_dict() for f in self.findings],
             }
@@ -467,6 +486,7 @@ class Identified(Dynamics, Result):
             output_name=content["output"]["name"],
             output_unit=content["output"]["unit"],
             findings=tuple(findings),
+            timing_u_s=content.get("timing_u_s", 0.0),
         )
 
 

@@ -31,6 +31,7 @@ from tcdyn.identification.holds import (
     hold_of_each,
     hold_text,
     select_holds,
+    timing_u_s,
 )
 from tcdyn.io.column_names import column_named
 from tcdyn.series.index import even_interval_s
@@ -100,6 +101,9 @@ class IOData(Result):
         Findings about the record.
     reading
         What was understood of the table of each run; empty for arrays.
+    timing_u_s
+        Standard uncertainty of the time of the output against the inputs [s]; zero where the hold
+        is stated, see :func:`tcdyn.identification.holds.timing_u_s`.
 
     Notes
     -----
@@ -124,6 +128,7 @@ class IOData(Result):
     name: str = ""
     findings: tuple[Finding, ...] = ()
     reading: tuple[SeriesReport, ...] = ()
+    timing_u_s: float = 0.0
 
     @classmethod
     def from_arrays(
@@ -151,7 +156,9 @@ class IOData(Result):
             Sampling interval [s]; None: from the index.
         hold
             The input between samples: "zoh", "foh", one of them for each input, or "auto": "zoh"
-            for each input that stays constant and jumps as if set by a computer.
+            for each input that stays constant and jumps as if set by a computer. A stated hold
+            says that the columns of a row belong to one instant; with "auto" lag and dead time are
+            uncertain by half a row on either side.
         start_s
             Time of the first sample [s], if there is no index with times.
         input_names, output_names, input_units, output_units
@@ -226,6 +233,7 @@ class IOData(Result):
             output_units=tuple(output_units) or ("",) * n_outputs,
             name=name,
             findings=tuple(findings),
+            timing_u_s=timing_u_s(hold, float(dt_s)),
         )
 
     def summary(self) -> str:

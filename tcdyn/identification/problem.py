@@ -40,6 +40,10 @@ Initial = Literal["equilibrium", "level", "zero", "estimated"]
 
 MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
 MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment
+# Slow waves of a run: up to three periods, as faster ones are noise of a shorter memory; and of all
+# runs together, which only costs time. Study: `python -m tests.identify.small_drift_study`.
+N_WAVES = 6
+MAX_WAVES = 24
 
 
 class Branch(NamedTuple):
@@ -106,6 +110,9 @@ class IdentificationProblem:
         of an input against the fitted level before it.
     trend
         Whether each run has a linear drift.
+    wave_sd
+        Prior standard deviation of the first of the slow waves of each run, over ``noise_sd``; zero
+        for no waves.
     limits
         Bounds (low, high) of parameters by name, within those of the model.
     priors
@@ -122,10 +129,13 @@ class IdentificationProblem:
        ``initial`` is "estimated";
     4. for each segment that starts in equilibrium, the level before it, over the first sample, of
        each noisy input, or of all inputs where ``initial`` is "level";
-    5. with ``trend`` the drift of each run, over the length of the longest segment.
+    5. with ``trend`` the drift of each run, over the length of the longest segment;
+    6. with ``wave_sd`` the slow waves of each run, cos(pi k t/T) with k = 1, 2, ... and T the
+       length of the longest run. Their prior standard deviations fall as 1/k^2, as the cosine
+       series of a linear drift does.
 
     The order of x is computed in ``offset_and_state_slices``, ``past_level_index`` and
-    ``_offset_and_drift``, and it is read in ``tcdyn.identification.fitting.final_offset`` and
+    ``baseline``, and it is read in ``tcdyn.identification.fitting.final_offset`` and
     ``tcdyn.identification.disturbance.linearise``. A new kind of unknown goes to one of these ends.
     ``tests/identify/test_identify_disturbance.py`` fails where a column of the Jacobian is at a
     wrong position.
@@ -140,6 +150,7 @@ class IdentificationProblem:
     input_sds: tuple[float, ...] = (0.0,)
     noise_sd: float = 1.0
     trend: bool = False
+    wave_sd: float = 0.0
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -247,8 +258,32 @@ class IdentificationProblem:
     def size(self) -> int:
         """Length of x."""
         n_levels = sum(k is not None for levels in self.past_level_index for k in levels)
-        n_drifts = len(self.run_start_s) if self.trend else 0
-        return self.offset_and_state_slices[-1][1].stop + n_levels + n_drifts
+        n_baseline = len(self.run_start_s) * (self.trend + self.n_waves)
+        return self.offset_and_state_slices[-1][1].stop + n_levels + n_baseline
+
+    @property
+    def n_waves(self) -> int:
+        """Number of slow waves of each run."""
+        if self.wave_sd == 0:
+            return 0
+        return max(min(N_WAVES, MAX_WAVES // len(self.run_start_s)), 1)
+
+    @property
+    def wave_slice(self) -> slice:
+        """Positions of the slow waves in x."""
+        return slice(self.size - len(self.run_start_s) * self.n_waves, self.size)
+
+    @property
+    def drift_slice(self) -> slice:
+        """Positions of the linear drifts in x."""
+        stop = self.wave_slice.start
+        return slice(stop - len(self.run_start_s) * self.trend, stop)
+
+    @property
+    def wave_shares(self) -> Array:
+        """Prior standard deviation of each wave over that of the first of its run."""
+        shares = 1 / np.arange(1, self.n_waves + 1, dtype=float) ** 2
+        return np.tile(shares, len(self.run_start_s))
 
     @cached_property
     def run_start_s(self) -> dict[int, float]:
@@ -275,6 +310,8 @@ class IdentificationProblem:
             if name in self.model.free:
                 sd = u / mean if self.model.is_positive(name) else u
                 precision[self.model.free.index(name)] = (self.noise_sd / sd) ** 2
+        if self.n_waves:
+            precision[self.wave_slice] = 1 / (self.wave_sd * self.wave_shares) ** 2
         return precision
 
     @cached_property
@@ -317,6 +354,12 @@ class IdentificationProblem:
     def longest_segment_s(self) -> float:
         """Length of the longest segment [s]."""
         return max(len(s.u) for s in self.segments) * self.dt_s
+
+    @cached_property
+    def longest_run_s(self) -> float:
+        """Length of the longest run, with its gaps [s]."""
+        ends = {s.run: s.start_s + len(s.u) * self.dt_s for s in self.segments}
+        return max(ends[run] - start_s for run, start_s in self.run_start_s.items())
 
     @property
     def delay_max_s(self) -> float:
@@ -437,7 +480,7 @@ class IdentificationProblem:
             return None
         outputs = []
         for k, segment in enumerate(self.segments):
-            y, jacobian = self._offset_and_drift(segment, self.offset_and_state_slices[k][0], x)
+            y, jacobian = self._offset_and_baseline(segment, self.offset_and_state_slices[k][0], x)
             levels = self.past_level_index[k]
             state = self.offset_and_state_slices[k][1]
             has_state = state.stop > state.start
@@ -466,8 +509,31 @@ class IdentificationProblem:
             systems.append(_BranchSystem(g, realise(g), rule, branch.positions))
         return systems
 
-    def _offset_and_drift(self, segment: Segment, offset: slice, x: Array) -> tuple[Array, Array]:
-        """Return offset and drift of a segment, and their Jacobian.
+    def baseline(self, run: int, since_s: Array) -> Array:
+        """Return the derivatives (N, size) of drift and waves of a run with x.
+
+        Parameters
+        ----------
+        run
+            Number of the run.
+        since_s
+            Times since its start (N,) [s].
+        """
+        jacobian = np.zeros((len(since_s), self.size))
+        k = sorted(self.run_start_s).index(run)
+        if self.trend:
+            jacobian[:, self.drift_slice.start + k] = since_s / self.longest_segment_s
+        if self.n_waves:
+            first = self.wave_slice.start + k * self.n_waves
+            phase = np.pi * since_s / self.longest_run_s
+            numbers = np.arange(1, self.n_waves + 1)
+            jacobian[:, first : first + self.n_waves] = np.cos(phase[:, None] * numbers)
+        return jacobian
+
+    def _offset_and_baseline(
+        self, segment: Segment, offset: slice, x: Array
+    ) -> tuple[Array, Array]:
+        """Return offset, drift and waves of a segment, and their Jacobian.
 
         Parameters
         ----------
@@ -481,20 +547,16 @@ class IdentificationProblem:
         Returns
         -------
         y
-            Offset plus drift (N,).
+            Their sum (N,).
         jacobian
             Its derivatives with x (N, size).
         """
-        n = len(segment.y)
-        y = np.full(n, x[offset].sum())
-        jacobian = np.zeros((n, self.size))
+        first_s = segment.start_s - self.run_start_s[segment.run]
+        since_s = first_s + self.dt_s * np.arange(len(segment.y), dtype=np.float64)
+        jacobian = self.baseline(segment.run, since_s)
         jacobian[:, offset] = 1.0
-        if self.trend:
-            runs = sorted(self.run_start_s)
-            k = self.size - len(runs) + runs.index(segment.run)
-            since_s = segment.start_s - self.run_start_s[segment.run] + self.dt_s * np.arange(n)
-            jacobian[:, k] = since_s / self.longest_segment_s
-            y += x[k] * jacobian[:, k]
+        parts = [offset, self.drift_slice, self.wave_slice]
+        y = sum((jacobian[:, part] @ x[part] for part in parts), np.zeros(len(segment.y)))
         return y, jacobian
 
     def _add_branch(

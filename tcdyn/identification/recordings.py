@@ -31,6 +31,7 @@ from tcdyn.identification.holds import (
     check_hold,
     hold_of_each,
     select_holds,
+    timing_u_s,
 )
 from tcdyn.identification.iodata import IOData
 from tcdyn.io.column_names import column_named
@@ -344,7 +345,8 @@ def _record(
         reading=tuple(series.report for series in all_series),
     )
     if resample_s is not None:
-        return with_hold(data, selected)
+        resampled_data = with_hold(data, selected)
+        return replace(resampled_data, timing_u_s=timing_u_s(hold, resample_s))
     return with_hold(with_new_values_of_inputs(data, hold), hold)
 
 
@@ -592,7 +594,12 @@ def with_hold(data: IOData, hold: Holds | Literal["auto"]) -> IOData:
     inputs = np.concatenate([run.u for run in data.runs])
     selected, findings = select_holds(hold, data.input_names, inputs, data.dt_s)
     checked = check_hold(selected, len(data.input_names), data.name or "table")
-    return replace(data, hold=checked, findings=(*earlier, *findings))
+    return replace(
+        data,
+        hold=checked,
+        findings=(*earlier, *findings),
+        timing_u_s=timing_u_s(hold, data.dt_s),
+    )
 
 
 def _grid_positions(t: Array, dt_s: float, where: str) -> Array:

@@ -44,12 +44,16 @@ class Dynamics:
         Covariance (P, P) of the free parameters, in the order of ``model.free``.
     dt_s
         Sampling interval of the record [s]; 0 for a model without a record.
+    timing_u_s
+        Standard uncertainty of the time of the output against the input [s], which is in lag, dead
+        time and percent times.
     """
 
     model: Model
     theta: Mapping[str, float]
     covariance: Array
     dt_s: float
+    timing_u_s: float
 
     @property
     def rational(self) -> Rational:
@@ -107,7 +111,8 @@ class Dynamics:
                 gradient += [1.0, *[0.0] * (len(factor.coefs) - 2)]
         gradient.append(1.0)
         by_parameter = gradient @ self.model.chain_rule(self.theta)
-        return Estimate.normal(g.lag_s, self.standard_uncertainty(by_parameter[:, None])[0])
+        u_s = self.standard_uncertainty(by_parameter[:, None])[0]
+        return Estimate.normal(g.lag_s, float(np.hypot(u_s, self.timing_u_s)))
 
     def standard_uncertainty(self, jacobian: Array) -> Array:
         """Return the standard uncertainties of quantities from their derivatives.
@@ -313,7 +318,7 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
         u = float(model.standard_uncertainty(-gradient / slope_there)[0])
         is_rounding = 0 < u < SMALLEST_REL_U * crossing  # a pole that is almost cancelled
         if u < t[-1] and not is_rounding:  # false where u is not a number
-            times[name] = Estimate.normal(crossing, u)
+            times[name] = Estimate.normal(crossing, float(np.hypot(u, model.timing_u_s)))
     return times
 
 

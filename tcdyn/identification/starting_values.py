@@ -584,7 +584,8 @@ def starts(problem: IdentificationProblem) -> list[Array]:
     """
     if problem.model.submodels:
         return multi_input_starts(problem)
-    level = remove_run_slopes(problem) if problem.trend else problem
+    may_drift = problem.trend or problem.n_waves > 0
+    level = remove_run_slopes(problem) if may_drift else problem
     scan = one_lag_starts(level)[:4]
     if problem.model.kind == "process":
         candidates = _process_starts(level, scan)

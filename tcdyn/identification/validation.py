@@ -401,12 +401,16 @@ def fit_nuisance_parameters(fit: Fit, data: IOData) -> tuple[IdentificationProbl
         time_scale_s=old.time_scale_s,
         noise_sd=old.noise_sd,
         trend=old.trend,
+        wave_sd=old.wave_sd,
     )
     k = problem.n_model
     x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
     rows = problem.least_squares_problem(fit.noise).evaluate(x)
     assert rows is not None  # the model is stable, it was fitted
-    x[k:] -= np.linalg.lstsq(rows[1][:, k:], rows[0], rcond=None)[0]
+    prior = np.diag(np.sqrt(problem.prior_precision))
+    jacobian = np.vstack([rows[1], prior])[:, k:]
+    residual = np.append(rows[0], prior @ (x - problem.prior_mean))
+    x[k:] -= np.linalg.lstsq(jacobian, residual, rcond=None)[0]
     return problem, x
 
 

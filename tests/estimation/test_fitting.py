@@ -24,7 +24,14 @@ from tcdyn.estimation import (
     sandwich_covariance,
     slow_variance_factor,
 )
-from tcdyn.estimation.noise_average import GRID, ZOOMS, LinearisedProblem, NoiseGrid, full_box
+from tcdyn.estimation.noise_average import (
+    GRID,
+    ZOOMS,
+    LinearisedProblem,
+    NoiseGrid,
+    NoiseNode,
+    full_box,
+)
 
 
 def linear_residuals(design: Array, y: Array) -> Evaluate:
@@ -324,15 +331,16 @@ def test_box_of_a_noise_grid_matches_its_nodes_after_any_refinement(width):
     class Peaked(LinearisedProblem):
         """Log-likelihood that falls by 0.5 within ``width`` of one noise model."""
 
-        def marginal_likelihood(self, noise):
+        def marginal_likelihoods(self, noise):
             a = noise.ar[0]
             c = noise.ma[0]
             evaluated.append((a, c))
-            return -0.5 * ((a + 0.8) ** 2 + (c + 0.3) ** 2) / width**2, np.zeros(1), np.eye(1)
+            log_likelihood = -0.5 * ((a + 0.8) ** 2 + (c + 0.3) ** 2) / width**2
+            return [NoiseNode(log_likelihood, np.zeros(1), np.eye(1))]
 
     evaluated: list[tuple[float, float]] = []
     n = 2000
-    slopes = Peaked(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
+    slopes = Peaked(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)])
     grid = NoiseGrid.build(slopes, full_box(n))
     step = np.ptp(grid.box, axis=1) / GRID
     assert np.allclose(grid.points.min(axis=0), grid.box[:, 0] + 0.5 * step)

@@ -9,7 +9,6 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from scipy.special import expit
 
-from tcdyn.core import Array
 from tcdyn.estimation import (
     NoiseModel,
     Problem,
@@ -31,6 +30,7 @@ from tcdyn.estimation.noise_average import (
     RANDOM_WALK_PROBABILITY,
     LinearisedProblem,
     NoiseGrid,
+    NoiseNode,
     first_order_noise,
     full_box,
 )
@@ -80,25 +80,70 @@ class Flat(LinearisedProblem):
     """Data without information on the noise: one step of x, of variance one, for every noise
     model."""
 
-    def marginal_likelihood(self, noise: NoiseModel) -> tuple[float, Array, Array]:
-        return 3.0, np.array([0.25]), np.eye(1)
+    def marginal_likelihoods(self, noise: NoiseModel) -> list[NoiseNode]:
+        return [NoiseNode(3.0, np.array([0.25]), np.eye(1))]
 
 
 def test_flat_likelihood_leaves_the_prior_of_the_noise_models() -> None:
     """Gains from 0 to 1 are equally likely; four fifths of the time constants exceed the record;
     white noise counts as much as all of them."""
     n = 1000
-    slopes = Flat(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
+    slopes = Flat(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)])
     grid = NoiseGrid.build(slopes, full_box(n))
-    evidence, walk_probability, _, step, covariance = grid.average(slopes, [NoiseModel()])
+    mixture = grid.average(slopes, [NoiseModel()])
     gain_range = expit(GAIN[1]) - expit(GAIN[0])
     # tolerance: 12 x 8 nodes, and the length of the record lies between nodes
-    assert np.exp(evidence - 3.0) == pytest.approx(1 + gain_range, rel=0.08)
-    assert walk_probability == pytest.approx(
+    assert np.exp(mixture.evidence - 3.0) == pytest.approx(1 + gain_range, rel=0.08)
+    assert mixture.walk_share == pytest.approx(
         RANDOM_WALK_PROBABILITY * gain_range / (1 + gain_range), rel=0.12
     )
-    assert step == pytest.approx([0.25])
-    assert covariance[0, 0] == pytest.approx(1.0)
+    assert mixture.step == pytest.approx([0.25])
+    assert mixture.covariance[0, 0] == pytest.approx(1.0)
+
+
+def test_likelihood_of_slow_waves_is_that_of_their_covariance() -> None:
+    """Level and slope unknown, white noise, two waves: the level of the noise is integrated out.
+
+    Compared with the restricted likelihood of the dense covariance 1 + B S B', and with its
+    generalised least squares.
+    """
+    rng = np.random.default_rng(4)
+    n = 60
+    t = np.linspace(0, 1, n)
+    fixed = np.column_stack([np.ones(n), np.sin(9 * t)])
+    waves = np.cos(np.pi * t[:, None] * [1, 2])
+    y = fixed @ [1.0, 2.0] + waves @ [0.4, 0.1] + 0.3 * rng.normal(size=n)
+    shares = np.array([1.0, 0.25])
+    sizes = np.array([0.3, 1.0, 3.0])
+    x = np.array([0.1, 0.2, 0.3, 0.4])
+    design = np.column_stack([fixed, waves])
+    problem = LinearisedProblem(
+        design @ x - y,
+        design,
+        np.ones(4),
+        np.zeros((0, 5)),
+        [slice(0, n)],
+        waves=x[2:],
+        wave_shares=shares,
+        wave_sds=sizes,
+    )
+    nodes = problem.marginal_likelihoods(NoiseModel())
+    assert [node.wave_sd for node in nodes] == sizes.tolist()
+    expected = []
+    for size, node in zip(sizes, nodes):
+        spread = np.eye(n) + waves @ np.diag((size * shares) ** 2) @ waves.T
+        weight = np.linalg.inv(spread)
+        information = fixed.T @ weight @ fixed
+        best = np.linalg.solve(information, fixed.T @ weight @ y)
+        residual = y - fixed @ best
+        square = residual @ weight @ residual
+        volume = np.linalg.slogdet(spread)[1] + np.linalg.slogdet(information)[1]
+        expected.append(-0.5 * ((n - 2) * np.log(square) + volume))
+        assert x[:2] + node.step[:2] == pytest.approx(best, rel=1e-9)
+        covariance = square / (n - 2) * np.linalg.inv(information)
+        assert node.covariance[:2, :2] == pytest.approx(covariance, rel=1e-9)
+    found = np.array([node.log_likelihood for node in nodes])
+    assert found - found[0] == pytest.approx(np.array(expected) - expected[0], abs=1e-9)
 
 
 def test_autoregressions_recover_the_noise_and_use_no_pair_across_a_gap() -> None:

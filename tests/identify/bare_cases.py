@@ -44,6 +44,8 @@ class Case:
         True static gain, or gain of the integrator; None where there is none.
     lag_s
         True first moment of the impulse response [s]; None where there is none.
+    dead_s
+        True dead time [s]; None where the process models do not contain the truth.
     integrators
         Integrators of the true model.
     words
@@ -54,6 +56,7 @@ class Case:
     record: Callable[[int], IOData]
     gain: float | None = 1.0
     lag_s: float | None = 2.87
+    dead_s: float | None = DEAD_A_S
     integrators: int = 0
     words: tuple[str, ...] = ()
 
@@ -192,7 +195,8 @@ def other_system(
         return as_record(u, y + NOISE_K * rng.normal(size=n), dt_s, hold=record_hold)
 
     lead_s = num[-2] / num[-1] if len(num) > 1 else 0.0
-    return Case(record, gain=num[-1] / den[-1], lag_s=den[-2] / den[-1] - lead_s + dead_s)
+    lag_s = den[-2] / den[-1] - lead_s + dead_s
+    return Case(record, gain=num[-1] / den[-1], lag_s=lag_s, dead_s=dead_s)
 
 
 def integrating(seed: int) -> IOData:
@@ -358,13 +362,25 @@ def with_drift(share: float) -> Callable[[np.random.Generator, Array], Array]:
     return lambda rng, y: with_white(rng, y) + share * SWING_K * np.linspace(0, 1, len(y))
 
 
+def with_wave(share: float) -> Callable[[np.random.Generator, Array], Array]:
+    """White noise and 0.7 periods of a sine, whose range is a share of the swing."""
+
+    def change(rng: np.random.Generator, y: Array) -> Array:
+        wave = np.sin(2 * np.pi * (0.7 * np.linspace(0, 1, len(y)) + rng.random()))
+        return with_white(rng, y) + share * SWING_K * wave / np.ptp(wave)
+
+    return change
+
+
 CASES: dict[str, Case] = {
     "white": case_a(with_white),
     "AR 0.9": case_a(lambda rng, y: y + NOISE_K * slow_noise(rng, 0.9)),
     "AR 0.99": case_a(lambda rng, y: y + NOISE_K * slow_noise(rng, 0.99)),
     "random walk": case_a(with_walk),
+    "drift 1 %": case_a(with_drift(0.01)),
     "drift 2 %": case_a(with_drift(0.02)),
     "drift 6 %": case_a(with_drift(0.06)),
+    "wave 6 %": case_a(with_wave(0.06)),
     "noisy input": Case(measured_input),
     "outliers": case_a(with_outliers),
     "quantised": case_a(lambda rng, y: np.round(2 * with_white(rng, y, 0.1)) / 2),
@@ -377,11 +393,11 @@ CASES: dict[str, Case] = {
     "feedthrough": other_system([0.6, 1.0], [2.0, 1.0], 0.0),
     "non-minimum phase": other_system([-0.6, 1.0], DEN_A, DEAD_A_S),
     "damping 0.2": other_system(NUM_A, [1.0, 0.4, 1.0], DEAD_A_S),
-    "slab": Case(conduction(SLAB, 1), lag_s=SLAB_S / 2),
-    "half order": Case(conduction(HALF_ORDER, 0), lag_s=None),
+    "slab": Case(conduction(SLAB, 1), lag_s=SLAB_S / 2, dead_s=None),
+    "half order": Case(conduction(HALF_ORDER, 0), lag_s=None, dead_s=None),
     "sampled at the lag": other_system(NUM_A, DEN_A, DEAD_A_S, dt_s=2.0),
     "wrong hold": other_system(NUM_A, DEN_A, DEAD_A_S, record_hold="foh"),
-    "integrator": Case(integrating, gain=0.5, lag_s=None, integrators=1),
+    "integrator": Case(integrating, gain=0.5, lag_s=None, dead_s=None, integrators=1),
     "P2": other_system(NUM_A, DEN_A, 0.0),
     "P1": other_system(NUM_A, [2.0, 1.0], 0.0),
     "closed loop": closed_loop(0.0),

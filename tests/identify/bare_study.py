@@ -39,7 +39,7 @@ class Outcome:
         Name of the recommended model.
     cpu_s
         Processor time [s].
-    gain, lag_s
+    gain, lag_s, dead_s
         Estimates; None where there is none that can be compared with the truth.
     """
 
@@ -49,17 +49,18 @@ class Outcome:
     cpu_s: float
     gain: Estimate | None = None
     lag_s: Estimate | None = None
+    dead_s: Estimate | None = None
 
 
-def estimates(comparison: Comparison, case: Case) -> tuple[Estimate | None, Estimate | None]:
-    """Gain and lag, averaged over the models."""
+def estimates(comparison: Comparison, case: Case) -> tuple[Estimate | None, ...]:
+    """Gain, lag and dead time, averaged over the models."""
     best = comparison.best.identified
     if best.model.integrators != case.integrators:
-        return None, None
+        return None, None, None
     if best.model.integrators:
-        return best.estimates["Kp"], None
+        return best.estimates["Kp"], None, None
     averaged = next(iter(comparison.averaged.values()), {})
-    return averaged.get("gain"), averaged.get("lag_s")
+    return averaged.get("gain"), averaged.get("lag_s"), averaged.get("dead_time_s")
 
 
 def outcome(name: str, seed: int) -> Outcome:
@@ -123,7 +124,11 @@ def summarise(name: str, results: Sequence[Outcome]) -> dict[str, object]:
         right = [is_covered(r.gain, case.gain) and is_covered(r.lag_s, case.lag_s) for r in models]
         silent = [r.severity == "info" and not ok for r, ok in zip(models, right)]
         row["silent"] = sum(silent) / len(results)
-        for label, truth in (("gain", case.gain), ("lag_s", case.lag_s)):
+        for label, truth in (
+            ("gain", case.gain),
+            ("lag_s", case.lag_s),
+            ("dead_s", case.dead_s),
+        ):
             values = [getattr(r, label) for r in models]
             row[label], row[f"z_{label}"], row[f"error_{label}"] = quantity(values, truth)
     row["cpu_s"] = np.median([r.cpu_s for r in results])
@@ -140,6 +145,7 @@ def study(name: str, seeds: range, n_jobs: int = 1) -> dict[str, object]:
 COLUMNS = (
     ("gain", "cov K", "7.2f"),
     ("lag_s", "cov lag", "8.2f"),
+    ("dead_s", "cov dead", "9.2f"),
     ("named", "named", "6.2f"),
     ("silent", "silent", "7.2f"),
     ("info", "info", "6.2f"),
@@ -148,6 +154,7 @@ COLUMNS = (
     ("InputError", "InpErr", "7.2f"),
     ("z_gain", "z K", "9.3g"),
     ("z_lag_s", "z lag", "9.3g"),
+    ("z_dead_s", "z dead", "9.3g"),
     ("error_gain", "err K", "9.2g"),
     ("error_lag_s", "err lag", "9.2g"),
     ("cpu_s", "CPU s", "7.1f"),

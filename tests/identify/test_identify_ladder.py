@@ -178,14 +178,14 @@ def test_selected_setting_is_that_of_the_record(kind: str) -> None:
         assert best.estimates[name].value == pytest.approx(value, abs=4 * u), name
 
 
-def test_probabilities_of_a_drift_and_of_a_random_walk_are_those_of_the_record() -> None:
+def test_size_of_a_drift_and_probability_of_a_random_walk_are_those_of_the_record() -> None:
     options = {"noise": "slow", "initial": "equilibrium", "check": False, "input_noise": 0.0}
     drift, walk = (
         fit(record(11, DISTURBANCES[kind][0]), "P1D", **options).identified.statistics
         for kind in ("drift", "random walk")
     )
-    # the first is 1.5, 30 standard deviations of the noise; a walk also looks like a drift
-    assert drift["p_drift"] > 0.95
+    # the first is 1.5 of a range of 4.5, 30 standard deviations of the noise
+    assert drift["wave"] == pytest.approx(1.5 / 4.5, abs=0.15)
     assert walk["p_walk"] > 0.5
 
 

@@ -150,7 +150,7 @@ def _disturbance(
     baseline: str = "none",
     memory_s: float | None = None,
     p_walk: float | None = None,
-    p_drift: float = 0.0,
+    wave: float | None = None,
     **_: Any,
 ) -> str:
     """Sentence on the model of the disturbance, with a space in front; empty for white noise.
@@ -163,23 +163,24 @@ def _disturbance(
         Model of the baseline: "none", "trend" or "walk".
     memory_s
         Time constant of the most probable disturbance [s]; None for a random walk, 0 for none.
-    p_walk, p_drift
-        Probabilities of a random walk and of a linear drift where the result is averaged over noise
-        models; otherwise ``p_walk`` is None.
+    p_walk
+        Probability of a random walk where the result is averaged over noise models; otherwise None.
+    wave
+        Range of the slow waves over that of the output, where there are any.
     **_
         Other numbers of the finding, which are not used.
     """
     if p_walk is not None:
-        text = (
-            " The result is averaged over what may disturb the output besides white noise: a "
-            f"linear drift (probability {p_drift:.2g}), and a first-order disturbance, whose time "
-            f"constant exceeds the length of the record with probability {p_walk:.2g}"
+        text = " The result is averaged over what may disturb the output besides white noise: "
+        if wave is not None:
+            text += f"a drift or slow wave (here {100 * wave:.2g} % of the output's range), and "
+        text += (
+            "a first-order disturbance, whose time constant exceeds the length of the record with "
+            f"probability {p_walk:.2g}"
         )
         if memory_s and p_walk < EVEN_ODDS:
             text += f" and is most probably {memory_s:.2g} s"
         text += "."
-        if p_walk > MIN_DOUBT and MIN_DOUBT < p_drift < 1 - MIN_DOUBT:
-            text += " These data do not distinguish a drift from a random walk."
         return text
     is_white = not any(order)
     noise = f"ARMA({order[0]}, {order[1]}) noise"
