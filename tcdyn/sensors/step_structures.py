@@ -638,7 +638,7 @@ def _fit_with_noise(
                 add(structure, start)
     best_bic = min(f.fit.bic for f in fitted)
     # a second lag that is not resolved alone may be, beside a stage
-    for f in [*fitted, *unresolved]:
+    for f in _best_of_each([*fitted, *unresolved]):
         if f.structure.slow and f.fit.bic > best_bic + STAGE_END:
             continue
         for stage in _possible_stages(record, f):
@@ -671,6 +671,16 @@ def _fit_with_noise(
     fitted = _without_repeated_sharp(fitted)
     prior = np.array([record.prior_odds(f) for f in fitted])
     return fitted, bic_weights(np.array([f.fit.bic for f in fitted]), prior)
+
+
+def _best_of_each(fitted: Sequence[FittedStructure]) -> list[FittedStructure]:
+    """Return the fit of least BIC of each structure: other solutions rarely lead elsewhere."""
+    best = dict[StepStructure, FittedStructure]()
+    for f in fitted:
+        known = best.get(f.structure)
+        if known is None or f.fit.bic < known.fit.bic:
+            best[f.structure] = f
+    return list(best.values())
 
 
 def _without_repeated_sharp(fitted: Sequence[FittedStructure]) -> list[FittedStructure]:

@@ -18,11 +18,14 @@ RUNS = 16
 LEAST = int(stats.binom.ppf(0.005, RUNS, 0.95))
 
 
-def test_a_drift_of_one_percent_of_the_swing_is_in_the_intervals() -> None:
+@pytest.mark.parametrize(
+    "drift", ["line 1 %", "warming up 1 %", "wave of 0.7 periods, 6 %"]
+)
+def test_drifts_and_slow_waves_are_in_the_intervals(drift: str) -> None:
     """With a test of whiteness that decides on a disturbance, 8 of 16 were covered."""
-    result = study("line", range(RUNS))
-    assert min(result["gain"], result["lag_s"]) >= LEAST, result
-    assert result["z"] < 4  # normal errors: once in 500 studies
+    result = study(drift, range(RUNS))
+    assert min(result["gain"], result["lag_s"], result["dead_s"]) >= LEAST, result
+    assert result["z"] < 4  # normal errors: once in 300 studies
 
 
 def test_without_a_drift_the_uncertainty_is_little_larger() -> None:
@@ -36,7 +39,7 @@ def test_without_a_drift_the_uncertainty_is_little_larger() -> None:
 
 def test_every_likely_model_of_a_comparison_is_averaged_over_noise() -> None:
     """Gain and lag averaged over the models would else have the bias of the others."""
-    comparison = compare(record(5, "line"), "P2D", "P2DU", "P3D", check=False)
+    comparison = compare(record(5, "line 1 %"), "P2D", "P2DU", "P3D", check=False)
     assert all(comparison.fits[name].noise.averaged for name in ("P2D", "P2DU"))
     lag = comparison.averaged["u"]["lag_s"]
     assert lag.contains(sum(LAGS_S) + 0.4)
@@ -85,7 +88,7 @@ def test_a_drift_of_two_percent_of_the_swing_is_in_the_interval_of_the_gain() ->
 
 def test_a_fit_of_averaged_noise_is_confirmed_on_data_of_another_interval() -> None:
     """The noise model holds for one interval only; the parameters hold for all."""
-    data = record(5, "line")
+    data = record(5, "line 1 %")
     result = fit(data, "P2D", check=False)
     assert result.noise.averaged
     every_other = IOData.from_arrays(
