@@ -36,8 +36,8 @@ MIN_LEVEL_SHARE = 0.8
 # open loops of each kind.
 MIN_EVIDENCE = float(np.log(100.0))
 # Share of the time of the phases that the output spends beyond the limit. An output that starts its
-# phases beyond it does not switch the input. Most thermostats of the study have at most 0.25; one in
-# a hundred, with noise or phases of few rows, has more than 0.5 and is lost.
+# phases beyond it does not switch the input. Most thermostats of the study have at most 0.25; a
+# few, with noise and phases of few rows, have more than 0.5 and are lost.
 MAX_SHARE_BEYOND = 0.5
 # Difference in rows up to which two durations of a timer are equal.
 TIMER_TOLERANCE = 1
