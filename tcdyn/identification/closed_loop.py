@@ -3,7 +3,8 @@
 From such a record no plant can be identified. ``tcdyn.identification.fitting.fit`` and
 ``tcdyn.identification.comparison.compare`` call it. The thresholds come from
 ``tests/identify/closed_loop_study.py``; ``tests/identify/test_identify_closed_loop.py`` checks
-loops that must be recognised and open loops that must not.
+loops that must be recognised and open loops that must not. Thermostats are recognised by
+``tcdyn.identification.thermostat``.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from tcdyn.estimation import orthonormal_basis
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.segments import Segment, split_segments, true_intervals
+from tcdyn.identification.thermostat import Thermostat, find_thermostat
 
 # The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of
 # open loop, in tests/identify/closed_loop_study.py. Each comment gives the figures between which
@@ -114,19 +116,34 @@ def check_closed_loop(data: IOData, where: str) -> None:
         Where :func:`closed_loop` has a finding.
     """
     findings = closed_loop(data)
-    if findings:
-        name = findings[0].subject
-        output = data.output_names[0]
+    if not findings:
+        return
+    finding = findings[0]
+    name = finding.subject
+    output = data.output_names[0]
+    if finding.code == "record.thermostat":
+        off_at = finding.numbers["off_at"]
+        on_at = finding.numbers["on_at"]
         raise InputError(
-            f"the input {name} follows the output {output}: it is computed from it (closed loop)",
+            f"the input {name} is switched by the output {output}, as by a thermostat (closed "
+            f"loop): off near {off_at:.4g} and on near {on_at:.4g}, however long that takes",
             where=where,
             expected="an input that does not depend on the output",
-            remedy="record with the loop open (controller in manual), or add to the input a test "
-            "signal that is larger than what the controller does (dither, steps); where no "
-            "controller was active, check that the columns are not exchanged; with {check} it is "
-            "a warning",
+            remedy="switch by hand or by a timer with unequal on and off times, chosen before, and "
+            "keep the thermostat as a safety limit only that the output does not reach; where no "
+            "thermostat was active, continue with {check}, which makes it a warning",
             parameters={"check": False},
         )
+    raise InputError(
+        f"the input {name} follows the output {output}: it is computed from it (closed loop)",
+        where=where,
+        expected="an input that does not depend on the output",
+        remedy="record with the loop open (controller in manual), or add to the input a test "
+        "signal that is larger than what the controller does (dither, steps); where no "
+        "controller was active, check that the columns are not exchanged; with {check} it is "
+        "a warning",
+        parameters={"check": False},
+    )
 
 
 def closed_loop(data: IOData) -> tuple[Finding, ...]:
@@ -140,7 +157,8 @@ def closed_loop(data: IOData) -> tuple[Finding, ...]:
     Returns
     -------
     tuple of Finding
-        ``record.closed_loop`` with the input as its subject; empty for an open loop.
+        ``record.closed_loop``, or ``record.thermostat`` with the readings at which the input is
+        switched, with the input as its subject; empty for an open loop.
 
     Notes
     -----
@@ -152,6 +170,9 @@ def closed_loop(data: IOData) -> tuple[Finding, ...]:
     2. A law that uses past outputs only. The past output then predicts the input beyond the
        input's own past (Granger, Econometrica 37, 424, 1969), by the part that the input did not
        cause.
+
+    An on/off input may be switched by a thermostat, which
+    :func:`tcdyn.identification.thermostat.find_thermostat` recognises.
 
     A proportional law without delay is a static relation like any other and cannot be recognised
     from the data.
@@ -167,11 +188,47 @@ def closed_loop(data: IOData) -> tuple[Finding, ...]:
     share = min(1.0, MAX_ROWS / max(total, 1))
     findings = []
     for k, name in enumerate(data.input_names):
+        relay = thermostat_of(segments, k, share)
+        if relay is not None:
+            finding = warning(
+                "record.thermostat",
+                subject=name,
+                output=output,
+                off_at=relay.off_at,
+                on_at=relay.on_at,
+            )
+            findings.append(finding)
+            continue
         rows = [rows_of(s, k, int(np.ceil(share * len(s.u)))) for s in segments]
         rows = [r for r in rows if len(r.u) >= INPUT_LAGS + MIN_INTERVAL_ROWS]
         if integral_law(rows) or delayed_law(rows):
             findings.append(warning("record.closed_loop", subject=name, output=output))
     return tuple(findings)
+
+
+def thermostat_of(segments: Sequence[Segment], k: int, share: float) -> Thermostat | None:
+    """Return the thermostat that switches an input; None where there is none.
+
+    Parameters
+    ----------
+    segments
+        The record.
+    k
+        Number of the input.
+    share
+        Share of the rows of each segment that is examined, from its start.
+
+    Returns
+    -------
+    Thermostat or None
+        The thermostat.
+    """
+    pairs = []
+    for segment in segments:
+        count = int(np.ceil(share * len(segment.u)))
+        pairs.append((segment.inputs[:count, k], segment.y[:count]))
+    found = find_thermostat(pairs)
+    return found if found is not None and found.is_named else None
 
 
 def rows_of(segment: Segment, k: int, count: int) -> Rows:

@@ -88,6 +88,7 @@ HELD_OUT_COLUMNS = ("held_out_rms", "held_out_percent", "p_held_out")
 # Findings of the final fit about the record that count against the recommended model.
 RECORD_TROUBLES = (
     "record.closed_loop",
+    "record.thermostat",
     "record.other_hold",
     "record.one_frequency",
     "record.inseparable",
@@ -197,7 +198,7 @@ class Comparison(Result):
             untried = [name for name in ADVISED_MODELS if name not in compared]
         codes = {f.code for f in self.best.findings}
         troubles = [code for code in RECORD_TROUBLES if code in codes]
-        has_closed_loop = "record.closed_loop" in codes
+        has_closed_loop = bool({"record.closed_loop", "record.thermostat"} & codes)
         if not has_closed_loop and responds_at_once(self.best):
             troubles.append("model.at_once")
             has_closed_loop = True

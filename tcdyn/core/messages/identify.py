@@ -226,6 +226,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "changes with time, as that of a sensor in a flow that changes",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
+        "record.thermostat": "record with the thermostat out of action, and switch by hand or by a "
+        "timer with unequal on and off times",
         "record.one_frequency": "use an input of several frequencies, such as steps, or record its "
         "start from rest, because one sine determines neither gain nor lag without the structure",
         "record.inseparable": "move each input alone, because the record does not separate their "
@@ -702,5 +704,9 @@ IDENTIFY: dict[str, Message] = {
     "record.closed_loop": "The input {subject} follows the output {output}: it is computed from it "
     "(closed loop). The model may be minus the inverse of the controller: record with the loop "
     "open, or add a larger test signal to the input.",
+    "record.thermostat": "The input {subject} is switched by the output {output}, as by a "
+    "thermostat (closed loop): off near {off_at:.4g} and on near {on_at:.4g}, however long that "
+    "takes. Noise and disturbances of the output then move the input, and the model may be biased: "
+    "switch by hand or by a timer with unequal on and off times.",
     "record.feedback": _feedback,
 }
