@@ -2,7 +2,7 @@
 
 Input and output of two loggers are joined by their time stamps. If one clock is faster by a rate r,
 the output is y(t) = x(t - r (t - t_mean)) of the modelled output x, so that its derivative with
-respect to r is -(t - t_mean) dx/dt. ``tcdyn.identification.validation`` regresses the residuals on
+respect to r is t - t_mean times that with respect to the dead time. ``tcdyn.identification.validation`` regresses the residuals on
 this direction. ``tests/identify/test_clock_drift.py`` checks rate, detection and false alarms;
 ``python -m tests.identify.clock_study`` prints them.
 """
@@ -77,11 +77,11 @@ def centred_time_s(fit: Fit) -> Array:
 
 def clock_column(fit: Fit) -> Array:
     """Derivative of the output (N,) with respect to the rate of its delay [output unit]."""
-    slopes = [
-        np.gradient(x, fit.problem.dt_s)[segment.measured]
-        for segment, x in zip(fit.problem.segments, fit.simulate_segments())
-    ]
-    return -centred_time_s(fit) * np.concatenate(slopes)
+    problem = fit.problem
+    slopes = problem.delay_slopes(fit.x)
+    assert slopes is not None  # the model is stable, it was fitted
+    measured = [slope[segment.measured] for segment, slope in zip(problem.segments, slopes)]
+    return np.asarray(centred_time_s(fit) * np.concatenate(measured))
 
 
 def parameter_columns(fit: Fit) -> Array:
