@@ -2,66 +2,23 @@
 
 Input and output of two loggers are joined by their time stamps. If one clock is faster by a rate r,
 the output is y(t) = x(t - r (t - t_mean)) of the modelled output x, so that its derivative with
-respect to r is t - t_mean times that with respect to the dead time. ``tcdyn.identification.validation`` regresses the residuals on
-this direction. ``tests/identify/test_clock_drift.py`` checks rate, detection and false alarms;
-``python -m tests.identify.clock_study`` prints them.
+respect to r is t - t_mean times that with respect to the dead time.
+``tcdyn.identification.validation`` regresses the residuals on this direction.
+``tests/identify/test_clock_drift.py`` checks rate, detection and false alarms; ``python -m
+tests.identify.clock_study`` prints them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc, ndtri
 
 from tcdyn.core import Array
 from tcdyn.core.findings import Finding, warning
-from tcdyn.estimation import autocorrelation_factor, orthonormal_basis
+from tcdyn.estimation.clock_rate import clock_drift
 from tcdyn.identification.models import base_name
 from tcdyn.identification.search import Fit
-
-# Probability of a warning on a record of one clock, of normal noise and a linear model.
-CLOCK_ALARM_P = 1e-3
-# Standard uncertainties by which such a rate differs from zero (two-sided).
-CLOCK_LIMIT = float(-ndtri(CLOCK_ALARM_P / 2))
-# p of what other departures explain beyond the rate, below which they may be the cause.
-OTHER_CAUSE_P = 1e-3
-# Share of the sum of squares of all departures that the rate explains alone, above which it is the
-# cause even where the rest is significant: a large change of the delay is not linear in the rate.
-# A time constant that changes steadily gives 0.2 to 0.7 (`python -m tests.identify.clock_study`).
-MIN_CLOCK_SHARE = 0.9
-# Norm of a direction beyond the Jacobian over its own norm, below which the fit takes it up.
-MIN_DIRECTION = 1e-6
-
-
-@dataclass(frozen=True)
-class ClockDrift:
-    """Rate of the delay of the output behind the inputs.
-
-    Parameters
-    ----------
-    rate
-        Change of the delay over time [s/s]; above zero where the delay grows.
-    u
-        Its standard uncertainty.
-    other_p
-        p of the other departures beyond the rate.
-    share
-        Share of the sum of squares of all departures that the rate explains alone.
-    """
-
-    rate: float
-    u: float
-    other_p: float
-    share: float
-
-    @property
-    def is_shown(self) -> bool:
-        """Whether the residuals show a rate, and no other departure explains them better."""
-        is_significant = abs(self.rate) > CLOCK_LIMIT * self.u
-        is_the_cause = self.other_p >= OTHER_CAUSE_P or self.share >= MIN_CLOCK_SHARE
-        return is_significant and is_the_cause
 
 
 def centred_time_s(fit: Fit) -> Array:
@@ -94,62 +51,6 @@ def parameter_columns(fit: Fit) -> Array:
     names = fit.problem.model.free
     kept = [k for k, name in enumerate(names) if base_name(name) != "Td"]
     return np.asarray(centred_time_s(fit)[:, None] * evaluated[1][:, kept])
-
-
-def clock_drift(e: Array, jacobian: Array, column: Array, others: Array) -> ClockDrift | None:
-    """Estimate the rate of the delay from whitened residuals.
-
-    Parameters
-    ----------
-    e, jacobian
-        Whitened residuals (N,), measured less modelled, and their Jacobian (N, P).
-    column
-        Whitened derivative of the output with respect to the rate (N,).
-    others
-        Whitened changes of the output by other departures (N, M).
-
-    Returns
-    -------
-    ClockDrift or None
-        None where the fit takes up the rate.
-
-    Notes
-    -----
-    With d the part of ``column`` that is orthogonal to the Jacobian, the rate is d'e/d'd. Its
-    variance is s^2/d'd, with s^2 of the residuals without the rate, times the autocorrelation
-    factor of the scores d e. So the uncertainty includes that of all parameters of the fit.
-    """
-    q = orthonormal_basis(jacobian)
-
-    def beyond_fit(columns: Array) -> Array:
-        """Return columns (N, M) without what the Jacobian explains, projected out twice."""
-        once = columns - q @ (q.T @ columns)
-        return np.asarray(once - q @ (q.T @ once))
-
-    direction = beyond_fit(column[:, None])[:, 0]
-    size = float(np.linalg.norm(direction))
-    dof = len(e) - q.shape[1] - 1
-    if size <= MIN_DIRECTION * float(np.linalg.norm(column)) or dof < 1:
-        return None
-    rate = float(direction @ e) / size**2
-    rest = e - q @ (q.T @ e) - rate * direction
-    variance = float(rest @ rest) / dof
-    factor = autocorrelation_factor(direction * rest)
-    u = float(np.sqrt(variance * factor)) / size
-    by_rate = rate**2 * size**2
-    unit = direction / size
-    remaining = beyond_fit(others)
-    remaining = remaining - np.outer(unit, unit @ remaining)
-    norms = np.linalg.norm(remaining, axis=0)
-    basis = orthonormal_basis(remaining[:, norms > MIN_DIRECTION * np.linalg.norm(others, axis=0)])
-    rank = basis.shape[1]
-    by_others = float(np.sum((basis.T @ rest) ** 2))
-    other_p = 1.0
-    if rank and dof > rank:
-        unexplained = max((dof * variance - by_others) / (dof - rank), 1e-300)
-        other_p = float(fdtrc(rank, dof - rank, by_others / rank / unexplained))
-    share = by_rate / max(by_rate + by_others, 1e-300)
-    return ClockDrift(rate, u, other_p, share)
 
 
 def clock_findings(
