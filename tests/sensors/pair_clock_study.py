@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.pair import pair_sensor
 
-Array = NDArray[np.floating[Any]]
+Array = NDArray[np.float64]
 
 LAGS_S = (0.2, 0.8)
 
@@ -53,11 +53,11 @@ def pair_of(
     """
     rng = np.random.default_rng(10_000 + seed)
     gas = sines(seed)
-    stamps_s = dt_s * np.arange(n)
+    stamps_s = np.asarray(dt_s * np.arange(n), dtype=np.float64)
     shares = 1 + change * (np.arange(n) / n - 0.5)
     columns: list[Array] = []
     for lag_s, faster in zip(LAGS_S, (0.0, rate)):
-        true_s = stamps_s / (1 + faster)
+        true_s = np.asarray(stamps_s / (1 + faster), dtype=np.float64)
         if change:
             blocks = np.array_split(np.arange(n), n // 10)
             y = np.concatenate(
