@@ -44,19 +44,22 @@ class ClockDrift:
         p of the other departures beyond the rate.
     share
         Share of the sum of squares of all departures that the rate explains alone.
+    is_best
+        No other departure explains more of the residuals alone.
     """
 
     rate: float
     u: float
     other_p: float
     share: float
+    is_best: bool
 
     @property
     def is_shown(self) -> bool:
         """Whether the residuals show a rate, and no other departure explains them better."""
         is_significant = abs(self.rate) > CLOCK_LIMIT * self.u
         is_the_cause = self.other_p >= OTHER_CAUSE_P or self.share >= MIN_CLOCK_SHARE
-        return is_significant and is_the_cause
+        return is_significant and self.is_best and is_the_cause
 
 
 def clock_drift(e: Array, jacobian: Array, column: Array, others: Array) -> ClockDrift | None:
@@ -102,6 +105,10 @@ def clock_drift(e: Array, jacobian: Array, column: Array, others: Array) -> Cloc
     by_rate = rate**2 * size**2
     unit = direction / size
     remaining = beyond_fit(others)
+    lengths = np.maximum(np.linalg.norm(remaining, axis=0), 1e-300)
+    is_free = lengths > MIN_DIRECTION * np.linalg.norm(others, axis=0)
+    alone = np.where(is_free, (remaining.T @ e / lengths) ** 2, 0.0)
+    is_best = bool(by_rate >= np.max(alone, initial=0.0))
     remaining = remaining - np.outer(unit, unit @ remaining)
     norms = np.linalg.norm(remaining, axis=0)
     basis = orthonormal_basis(remaining[:, norms > MIN_DIRECTION * np.linalg.norm(others, axis=0)])
@@ -112,4 +119,4 @@ def clock_drift(e: Array, jacobian: Array, column: Array, others: Array) -> Cloc
         unexplained = max((dof * variance - by_others) / (dof - rank), 1e-300)
         other_p = float(fdtrc(rank, dof - rank, by_others / rank / unexplained))
     share = by_rate / max(by_rate + by_others, 1e-300)
-    return ClockDrift(rate, u, other_p, share)
+    return ClockDrift(rate, u, other_p, share, is_best)

@@ -77,8 +77,8 @@ def clock_findings(
     Notes
     -----
     A warning needs two conditions. The rate differs from zero by ``CLOCK_LIMIT`` standard
-    uncertainties. Other departures (``others``, and parameters that change with time) explain
-    nothing beyond it, or little (``MIN_CLOCK_SHARE``).
+    uncertainties. Of other departures (``others``, and parameters that change with time), none
+    explains more alone, and all explain nothing beyond it, or little (``MIN_CLOCK_SHARE``).
 
     Not distinguished: a dead time of the plant that itself changes at a constant rate, such as that
     of a pipe whose flow falls steadily; and lags that are short compared with the sampling interval
