@@ -24,7 +24,8 @@ CLOCK_LIMIT = float(-ndtri(CLOCK_ALARM_P / 2))
 OTHER_CAUSE_P = 1e-3
 # Share of the sum of squares of all departures that the rate explains alone, above which it is the
 # cause even where the rest is significant: a large change of the delay is not linear in the rate.
-# A time constant that changes steadily gives 0.2 to 0.7 (`python -m tests.identify.clock_study`).
+# A time constant that changes by 2 to 30 % gave 0.02 to 0.54, a rate of 300 ppm in white noise 0.99
+# (`python -m tests.identify.clock_study`); 0.9 between them is by judgement.
 MIN_CLOCK_SHARE = 0.9
 # Norm of a direction beyond the Jacobian over its own norm, below which the fit takes it up.
 MIN_DIRECTION = 1e-6
