@@ -100,50 +100,43 @@ class Rows:
     is_measured: NDArray[np.bool_]
 
 
-def check_closed_loop(data: IOData, where: str) -> None:
-    """Raise InputError for a record whose input is computed from its output.
+def check_closed_loop(data: IOData, where: str) -> tuple[Finding, ...]:
+    """Raise an error where a controller has computed an input from the output.
 
     Parameters
     ----------
     data
-        One output, one or several inputs.
+        The record.
     where
-        The file or function that the error names.
+        Record that the error names.
+
+    Returns
+    -------
+    tuple of Finding
+        Findings of inputs that a thermostat switches. They remain warnings, because the level at
+        which the output switches the input moves with its noise only.
 
     Raises
     ------
     InputError
-        Where :func:`closed_loop` has a finding.
+        Where :func:`closed_loop` finds another loop.
     """
     findings = closed_loop(data)
-    if not findings:
-        return
-    finding = findings[0]
-    name = finding.subject
-    output = data.output_names[0]
-    if finding.code == "record.thermostat":
-        off_at = finding.numbers["off_at"]
-        on_at = finding.numbers["on_at"]
+    loops = [f for f in findings if f.code == "record.closed_loop"]
+    if loops:
+        name = loops[0].subject
+        output = data.output_names[0]
         raise InputError(
-            f"the input {name} is switched by the output {output}, as by a thermostat (closed "
-            f"loop): off near {off_at:.4g} and on near {on_at:.4g}, however long that takes",
+            f"the input {name} follows the output {output}: it is computed from it (closed loop)",
             where=where,
             expected="an input that does not depend on the output",
-            remedy="switch by hand or by a timer with unequal on and off times, chosen before, and "
-            "keep the thermostat as a safety limit only that the output does not reach; where no "
-            "thermostat was active, continue with {check}, which makes it a warning",
+            remedy="record with the loop open (controller in manual), or add to the input a test "
+            "signal that is larger than what the controller does (dither, steps); where no "
+            "controller was active, check that the columns are not exchanged; with {check} it is "
+            "a warning",
             parameters={"check": False},
         )
-    raise InputError(
-        f"the input {name} follows the output {output}: it is computed from it (closed loop)",
-        where=where,
-        expected="an input that does not depend on the output",
-        remedy="record with the loop open (controller in manual), or add to the input a test "
-        "signal that is larger than what the controller does (dither, steps); where no "
-        "controller was active, check that the columns are not exchanged; with {check} it is "
-        "a warning",
-        parameters={"check": False},
-    )
+    return findings
 
 
 def closed_loop(data: IOData) -> tuple[Finding, ...]:

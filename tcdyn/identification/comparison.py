@@ -94,6 +94,8 @@ RECORD_TROUBLES = (
     "record.inseparable",
     "fit.prior_conflict",
 )
+# Findings of a fit that do not mean that the record leaves its parameters undetermined.
+NOT_OF_THE_MODEL = ("fit.prior_conflict", "record.thermostat")
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
@@ -327,10 +329,10 @@ def compare(
     simulators = [m for m in entries if hasattr(m, "predict") and hasattr(m, "max_lag")]
     entries = [m for m in entries if not any(m is s for s in simulators)]
     if options.get("check", True):
-        check_closed_loop(data, data.name or "identify")
+        loops = check_closed_loop(data, data.name or "identify")
     else:
-        data = replace(data, findings=(*data.findings, *closed_loop(data)))
-    data = replace(data, findings=(*data.findings, *excitation(data)))
+        loops = closed_loop(data)
+    data = replace(data, findings=(*data.findings, *loops, *excitation(data)))
     template = like or process("P1")
     given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
     ladder = Ladder(replace(data, findings=()), template, given, progress, held_out)
@@ -653,7 +655,7 @@ def _table_row(
         Values by column. ``tcdyn.identification.recommendation`` reads these names.
     """
     statistics = full.identified.statistics
-    findings = [f for f in full.findings if f.code != "fit.prior_conflict"]
+    findings = [f for f in full.findings if f.code not in NOT_OF_THE_MODEL]
     return {
         "model": name,
         "parameters": int(statistics["parameters"]),

@@ -204,6 +204,7 @@ def fit(
     if loss != "linear":
         first = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
     result = fit_setting(data, structure, first, given_starts, check=check, **options)
+    loops = check_closed_loop(data, data.name or "identify") if check else ()
     fitted = data
     if loss != "linear":
         is_slow = is_walk or setting.noise == "slow"
@@ -233,7 +234,7 @@ def fit(
         result = replace_poor_intervals(result, intervals == "profile")
     result = replace(result, identified=result.identified.with_timing(data.timing_u_s))
     conflicts = prior_conflicts(structure, result.estimates, options["prior"])
-    return add_findings(result, (*conflicts, *data.findings))
+    return add_findings(result, (*conflicts, *data.findings, *loops))
 
 
 def fit_setting(
@@ -289,7 +290,6 @@ def fit_setting(
     problem = make_problem(data, model, setting.initial, input_noise)
     problem = replace(problem, trend=setting.baseline == "trend", limits=bounds, priors=prior)
     if check:
-        check_closed_loop(data, where)
         singles = single_input_problems(problem)
         for single in singles:
             check_causality(single, where, has_other_inputs=len(singles) > 1)
@@ -361,10 +361,11 @@ def _fit_weighted(problem: IdentificationProblem, optimum: Optimum, weights: Arr
 
 
 def add_findings(result: Fit, findings: tuple[Finding, ...]) -> Fit:
-    """Return the fit with more findings."""
-    if not findings:
+    """Return the fit with more findings; those that it has stay once."""
+    new = tuple(f for f in findings if f not in result.identified.findings)
+    if not new:
         return result
-    identified = replace(result.identified, findings=(*result.identified.findings, *findings))
+    identified = replace(result.identified, findings=(*result.identified.findings, *new))
     return replace(result, identified=identified)
 
 

@@ -481,19 +481,67 @@ class IdentificationProblem:
         outputs = []
         for k, segment in enumerate(self.segments):
             y, jacobian = self._offset_and_baseline(segment, self.offset_and_state_slices[k][0], x)
-            levels = self.past_level_index[k]
-            state = self.offset_and_state_slices[k][1]
-            has_state = state.stop > state.start
-            first = state.start
-            for i, system in enumerate(systems):
-                size = self.state_sizes[i] if has_state else 0
-                single = segment.with_input(i) if len(levels) > 1 else segment
-                rows = slice(first, first + size)
-                hold = self.holds[i]
-                self._add_branch(system, single, hold, levels[i], rows, x, y, jacobian)
-                first += size
+            self._add_branches(systems, k, x, y, jacobian)
             outputs.append((y, jacobian))
         return outputs
+
+    def delay_slopes(self, x: Array) -> list[Array] | None:
+        """Return the derivative of the output with respect to a further dead time of all inputs.
+
+        Parameters
+        ----------
+        x
+            The vector (size,).
+
+        Returns
+        -------
+        list of array or None
+            Derivative (N,) in each segment, in output units over seconds; None where the model is
+            unstable. The free response of an estimated initial state is not delayed.
+        """
+        systems = self._branch_systems(x)
+        if systems is None:
+            return None
+        delayed = []
+        for system in systems:
+            rule = np.zeros((len(system.chain_rule), 1))
+            rule[-1] = 1.0  # the dead time is the last of the coefficients
+            delayed.append(system._replace(chain_rule=rule, positions=[self.size]))
+        slopes = []
+        for k, segment in enumerate(self.segments):
+            n = len(segment.y)
+            jacobian = np.zeros((n, self.size + 1))
+            self._add_branches(delayed, k, x, np.zeros(n), jacobian)
+            slopes.append(jacobian[:, -1])
+        return slopes
+
+    def _add_branches(
+        self, systems: Sequence[_BranchSystem], k: int, x: Array, y: Array, jacobian: Array
+    ) -> None:
+        """Add the responses to all inputs in segment ``k`` to output and Jacobian, in place.
+
+        Parameters
+        ----------
+        systems
+            The branches at x.
+        k
+            Number of the segment.
+        x
+            The vector (size,).
+        y, jacobian
+            Output (N,) and Jacobian (N, size), which are changed.
+        """
+        segment = self.segments[k]
+        levels = self.past_level_index[k]
+        state = self.offset_and_state_slices[k][1]
+        has_state = state.stop > state.start
+        first = state.start
+        for i, system in enumerate(systems):
+            size = self.state_sizes[i] if has_state else 0
+            single = segment.with_input(i) if len(levels) > 1 else segment
+            rows = slice(first, first + size)
+            self._add_branch(system, single, self.holds[i], levels[i], rows, x, y, jacobian)
+            first += size
 
     def _branch_systems(self, x: Array) -> list[_BranchSystem] | None:
         """Return the branches at x; None where one of them is unstable."""

@@ -37,6 +37,7 @@ from tcdyn.estimation import (
     sandwich_covariance,
 )
 from tcdyn.estimation.trace_noise import MAD_TO_SD
+from tcdyn.identification.clock_drift import clock_column, clock_findings
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit, make_problem
@@ -168,6 +169,7 @@ class Validation(Result):
             "record.slow_sampling",
             "record.nonlinear",
             "record.changing",
+            "record.clock_drift",
         ]
         if self.dynamics_missing:
             codes.append("record.coarse")
@@ -265,6 +267,13 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         findings.append(warning("record.coarse", step=problem.rounding_step, rms=rms))
     past = np.delete(u, np.arange(n_inputs) * len(delays), axis=1)
     findings += feedback(e_white, j_white, future, past)
+    if not is_rounding:
+        others = np.column_stack([u, whitened(level_columns(fit))])
+        clock = clock_findings(fit, e_white, j_white, others, whitened)
+        findings += clock
+        if clock:
+            # what a drifting delay explains is no change of the response
+            j_white = np.column_stack([j_white, whitened(clock_column(fit)[:, None])])
     if cross.p >= ALARM_P and not is_rounding and not problem.model.integrators:
         findings += departures(fit, e_white, j_white, whitened)
     return Validation(

@@ -31,6 +31,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.clock_rate import CLOCK_LIMIT
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes
 from tcdyn.sensors.conduction import SECOND_TO_ALL, conduction_chain, inner_lags
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined_lag_error
@@ -103,6 +104,9 @@ CONSTRUCTION_LIMIT = "the construction of the sensors; bare wires have none (--b
 GAIN_LIMIT = "the gain of one sensor relative to the other, which the record does not show"
 FLUID_LIMIT = "noise and fluctuations of the fluid"
 SECOND_STARTS = (0.05, 0.2)  # second lag over the first at the start of the fit; by judgement
+# Logarithm of the change of all lags along the record: mean and standard deviation of the prior of
+# the alternative to a drift of the delay. So wide that the prior does not matter.
+STEADY_CHANGE = (0.0, 10.0)
 MISFIT_RATIO = 1.5  # mean square of the residuals beyond which a warning is given; by judgement
 
 
@@ -137,6 +141,9 @@ class PairData:
         Prior of the second sensor's gain less 1, mean and standard deviation.
     offset_sd
         Standard deviation of the prior of its offset [K]; None: that of its trace.
+    drifts
+        The delay of the second trace behind the first changes at a constant rate, which is the
+        parameter after the offset.
     """
 
     first: Array
@@ -152,13 +159,14 @@ class PairData:
     second_lags: bool = False
     gain: tuple[float, float] = (0.0, GAIN_SD)
     offset_sd: float | None = OFFSET_SD_K
+    drifts: bool = False
 
     def prior_residuals(self, theta: Array) -> Array:
-        """Return the residuals of the priors of all but the first lags (P - 2 segments,)."""
+        """Return the residuals of the priors, of all but the first lags and the rate."""
         share, share_sd = self.inner_share
         law_mean = np.array([self.exponent[0], share])
         law_sd = np.array([self.exponent[1], max(share_sd, MIN_SHARE_SD)])
-        gain, offset = theta[2 * self.segments : self.before_exponent]
+        gain, offset = theta[2 * self.segments : 2 * self.segments + 2]
         scale = self.second_scale[1]
         offset_sd = 1.0 if self.offset_sd is None else self.offset_sd / max(scale, MIN_SCALE)
         n_second = 2 * self.second_lags
@@ -177,8 +185,13 @@ class PairData:
 
     @property
     def before_exponent(self) -> int:
-        """Number of parameters before the exponent: first lags, gain and offset."""
-        return 2 * self.segments + 2
+        """Number of parameters before the exponent: first lags, gain, offset, rate of the delay."""
+        return 2 * self.segments + 2 + self.drifts
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record [s]."""
+        return len(self.first) * self.dt_s
 
     @property
     def second_scale(self) -> tuple[float, float]:
@@ -187,7 +200,7 @@ class PairData:
 
     def second_like_first(self, theta: Array) -> Array:
         """Return the second trace (N,) without its gain and offset relative to the first [degC]."""
-        gain, offset = theta[2 * self.segments : self.before_exponent]
+        gain, offset = theta[2 * self.segments : 2 * self.segments + 2]
         mean, sd = self.second_scale
         return np.asarray(mean + (self.second - mean) / (1 + gain) - offset * sd)
 
@@ -264,8 +277,9 @@ def pair_sensor(
     see ``tcdyn.chain.law.FlowLaw``; or constant between ``changes_s``. Then
     the file holds the lags of the last segment, and ``fit`` those of all. Both columns of a row are
     taken as sampled at one instant: a scanner that reads the second one later biases both lags by
-    more than that time. A column that is repeated or blank between new values is used at the rows
-    of its new values.
+    more than that time. A delay that drifts along the record, as of two loggers, is named, but not
+    where a column has new values in some rows only. A column that is repeated or blank between new
+    values is used at the rows of its new values.
 
     Where the sensors are not bare, both lags have a common error of ``CONSTRUCTION_REL`` of the
     longer one. The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``,
@@ -378,6 +392,8 @@ def pair_sensor(
             u=100 * gain.u,
         )
         findings.append(finding)
+    if fitted.intervals is None:
+        findings += _clock_findings(fitted, best, columns)
     covariances = (fluid_covariance, lag_covariance)
     findings += _lag_findings(averaged, taus, covariances, best.mean_square, columns)
     last = slice(n_lags - 2, n_lags)
@@ -693,8 +709,9 @@ def whitened_residuals(data: PairData, theta: Array) -> Array:
         The traces.
     theta
         (log tau1, log tau2) of each segment, then gain less 1 and offset (over the standard
-        deviation of the trace) of the second sensor, then n and s if they are free, then the
-        logarithms of the second lags if there are some.
+        deviation of the trace) of the second sensor, then the change of its delay over the record,
+        over ``data.dt_s``, if it ``drifts``, then n and s if they are free, then the logarithms of
+        the second lags if there are some.
 
     Returns
     -------
@@ -759,12 +776,17 @@ def _side_weights(data: PairData, theta: Array, channel: int) -> Array:
     Notes
     -----
     Each lag is a factor 1 + tau d/dt, at the middle between rows: (1/2 - tau/dt) y_k + (1/2 +
-    tau/dt) y_{k+1}.
+    tau/dt) y_{k+1}. A delay d of the second trace is a factor 1 + d/2 d/dt of the second side and
+    one of 1 - d/2 d/dt of the first: exp(d s) to the second order.
     """
     factors = [_lag_in_rows(data, theta, channel)]
     if data.second_lags:
         second = np.full_like(factors[0], np.exp(theta[len(theta) - 2 + channel]) / data.dt_s)
         factors += [ratio * second for ratio in inner_lags(1.0)]
+    if data.drifts:
+        change = theta[data.before_exponent - 1]  # of the delay over the record, in rows
+        delay = change * (np.arange(len(data.first) - 1) / len(data.first) - 0.5)
+        factors.append(0.5 * (delay if channel == 1 else -delay))
     weights = np.ones((1, len(data.first)))
     for lag in factors:
         lag = lag[: weights.shape[1] - 1]
@@ -1050,6 +1072,66 @@ def _with_gain(data: PairData, fit: _Fit) -> tuple[_Fit, Estimate, Array]:
     smaller, known, larger = (with_gain(gain) for gain in (-GAIN_SD, 0.0, GAIN_SD))
     shift_s = 0.5 * (_total_lags(larger, n_lags)[0] - _total_lags(smaller, n_lags)[0])
     return known, Estimate.normal(1.0, GAIN_SD), shift_s
+
+
+def _clock_findings(data: PairData, fit: _Fit, columns: tuple[str, str]) -> list[Finding]:
+    """Return a warning where the delay between both traces drifts: two clocks of other rates.
+
+    Parameters
+    ----------
+    data
+        The traces, at the rows of the likelihood.
+    fit
+        The fit without a drift.
+    columns
+        Names of the traces.
+
+    Returns
+    -------
+    list of Finding
+        Empty, or "sensor.pair_clock".
+
+    Notes
+    -----
+    All parameters are fitted again with the rate of the delay. A warning needs a rate that differs
+    from zero by ``CLOCK_LIMIT`` standard uncertainties. Lags that rise or fall steadily along the
+    record, as in a flow that changes, also change the delay. They are fitted in its place, and the
+    rate must lower the sum of squares more. This is not tested with a column of the speed, which
+    the lags follow already.
+
+    ``tests/sensors/test_pair_clock.py`` checks rate, detection and false alarms;
+    ``python -m tests.sensors.pair_clock_study`` prints them.
+    """
+    drifting = replace(data, drifts=True)
+    k = data.before_exponent  # position of the rate
+    start = np.insert(fit.theta, k, 0.0)
+    with_rate = _fit(drifting, _search_minimum(drifting, [start]))
+    to_rate = data.dt_s / data.duration_s
+    rate = to_rate * float(with_rate.theta[k])
+    u = to_rate * float(np.sqrt(with_rate.covariance[k, k]))
+    if not abs(rate) > CLOCK_LIMIT * u:
+        return []
+    by_rate = _sum_of_squares(drifting, start) - _sum_of_squares(drifting, with_rate.theta)
+    has_law = len(fit.theta) - 2 * data.second_lags > k
+    if not has_law:
+        ramp = np.arange(len(data.first)) / len(data.first) - 0.5
+        changing = replace(data, log_speed=ramp, exponent=STEADY_CHANGE, inner_share=NO_SHARE)
+        start = np.insert(fit.theta, k, [0.0, 0.0])
+        theta = _search_minimum(changing, [start])
+        by_lags = _sum_of_squares(changing, start) - _sum_of_squares(changing, theta)
+        if by_lags >= by_rate:
+            return []
+    return [
+        warning(
+            "sensor.pair_clock",
+            subject=columns[1],
+            other=columns[0],
+            rate_ppm=1e6 * rate,
+            u_ppm=1e6 * u,
+            change_s=rate * data.duration_s,
+            factor=1 + rate,
+        )
+    ]
 
 
 def _cleaned(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:

@@ -224,6 +224,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "levels, because the output does not follow the input linearly",
         "record.changing": "identify each part of the record on its own, because the response "
         "changes with time, as that of a sensor in a flow that changes",
+        "record.clock_drift": "correct the time of one logger and join the tables anew, because "
+        "the delay between input and output drifts along the record",
         "record.closed_loop": "record with the loop open, because the input is computed from the "
         "output",
         "record.thermostat": "record with the thermostat out of action, and switch by hand or by a "
@@ -632,6 +634,38 @@ def _changing(
     )
 
 
+def _clock_drift(
+    subject: str,
+    input: str,
+    rate_ppm: float,
+    u_ppm: float,
+    change_s: float,
+    factor: float,
+    **_: Any,
+) -> str:
+    """Message of ``record.clock_drift``.
+
+    Parameters
+    ----------
+    subject, input
+        Names of the output and of the inputs.
+    rate_ppm, u_ppm
+        Rate of the delay and its standard uncertainty [ppm].
+    change_s
+        Change of the delay over the record [s].
+    factor
+        One plus the rate.
+    """
+    return (
+        f"The delay of {subject} behind {input} changes by {change_s:+.3g} s over the record "
+        f"({rate_ppm:+.4g} +- {u_ppm:.2g} ppm), as where two loggers have clocks of different "
+        "rate: the dead time is its mean, and the intervals do not include its change. If the "
+        f"columns come from two clocks, multiply the time of the logger of {input} by "
+        f"{factor:.7g} and join the tables anew. A dead time of the plant that drifts looks the "
+        "same."
+    )
+
+
 # tcdyn/identification
 IDENTIFY: dict[str, Message] = {
     "models.why": _reason,
@@ -692,6 +726,7 @@ IDENTIFY: dict[str, Message] = {
     "record.other_hold": _other_hold,
     "record.nonlinear": _nonlinear,
     "record.changing": _changing,
+    "record.clock_drift": _clock_drift,
     "record.slow_sampling": "The sampling interval of {dt_s:.3g} s is long compared with the "
     "lag of {lag_s:.3g} s behind {subject}: other structures fit the samples as well and have "
     "other lags, which the intervals of lag and dead time do not include; log every "

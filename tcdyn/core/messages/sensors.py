@@ -279,6 +279,11 @@ SENSOR: dict[str, Message] = {
     "does not help. Bare wires have none (option bare); otherwise use a plunge",
     "sensor.pair_gain": "{subject}: a change of temperature reads {percent:+.2g} +- {u:.1g} % "
     "larger than that of {other}: the lags are those of two sensors of different gain",
+    "sensor.pair_clock": "{subject}: its delay behind {other} changes by {change_s:+.3g} s over "
+    "the record ({rate_ppm:+.4g} +- {u_ppm:.2g} ppm), as where two loggers have clocks of "
+    "different rate: the lags are wrong by more than their uncertainty. If the columns come from "
+    "two clocks, multiply the time of the logger of {other} by {factor:.7g} and join the tables "
+    "anew; otherwise the lags may change along the record: give the column of the flow",
     "sensor.pair_misfit": "{subject}: the two sensors do not measure one fluid through one lag "
     "or two each: the residuals are {ratio:.2g} times the noise; if the flow changes, give its "
     "column, and the lags follow it",
