@@ -916,11 +916,23 @@ def average_gain_and_lag(
         if used:
             used_weights = [weight for weight, _ in used]
             averages[name] = {
-                "gain": mixture([model.static_gain for _, model in used], used_weights),
-                "lag_s": mixture([model.lag_s for _, model in used], used_weights),
+                "gain": mixed([model.gain_parts for _, model in used], used_weights),
+                "lag_s": mixed([model.lag_parts for _, model in used], used_weights),
                 "dead_time_s": mixture([dead_time_s(model) for _, model in used], used_weights),
             }
     return averages
+
+
+def mixed(
+    distributions: Sequence[tuple[list[Estimate], list[float]]], weights: Sequence[float]
+) -> Estimate:
+    """The mixture of mixtures of normal distributions with the weights of each."""
+    parts = []
+    part_weights = []
+    for (estimates, shares), weight in zip(distributions, weights):
+        parts += estimates
+        part_weights += [weight * share / sum(shares) for share in shares]
+    return mixture(parts, part_weights)
 
 
 def dead_time_s(model: Identified) -> Estimate:

@@ -22,7 +22,13 @@ from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.core import Array
 from tcdyn.estimation import NoiseModel, Optimum, fit_ar, fit_arma
 from tcdyn.estimation.arma import coefficients_from_partial, partial_correlations
-from tcdyn.estimation.noise_average import LinearisedProblem, NoiseGrid, full_box, wave_sizes
+from tcdyn.estimation.noise_average import (
+    LinearisedProblem,
+    MixturePart,
+    NoiseGrid,
+    full_box,
+    wave_sizes,
+)
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.knowledge import measured_rows
@@ -419,6 +425,8 @@ class NoiseAverage:
         Logarithm of the likelihood, averaged over all noise models.
     p_walk
         Probability that the memory of the disturbance is longer than the record.
+    parts
+        The averages under slow waves of one size each; their means are relative to ``mean``.
     """
 
     problem: IdentificationProblem
@@ -428,10 +436,11 @@ class NoiseAverage:
     covariance: Array
     evidence: float
     p_walk: float
+    parts: tuple[MixturePart, ...]
 
     def point_estimate(
         self, weights: Array | None
-    ) -> tuple[IdentificationProblem, Optimum, NoiseModel, Array]:
+    ) -> tuple[IdentificationProblem, Optimum, NoiseModel, Array, tuple[MixturePart, ...]]:
         """Return a single fit that stands for the average.
 
         Parameters
@@ -449,6 +458,8 @@ class NoiseAverage:
             The likeliest noise.
         covariance
             Covariance of x (size, size).
+        parts
+            As ``self.parts``; empty where x is not the mean.
 
         Notes
         -----
@@ -468,6 +479,7 @@ class NoiseAverage:
         rows = core.evaluate(x)
         assert rows is not None
         covariance = self.covariance
+        parts = self.parts
         difference = self.mean - natural_parameters(problem, x)
         relative = difference / scale
         log_step = np.log1p(np.clip(relative, -MAX_LINEAR_STEP, MAX_LINEAR_STEP))
@@ -482,8 +494,9 @@ class NoiseAverage:
             scale = problem.natural_scale(x)
         else:
             covariance = covariance + np.outer(difference, difference)
+            parts = ()
         optimum = replace(self.optimum, problem=core, theta=x, residual=rows[0], jacobian=rows[1])
-        return problem, optimum, self.noise, covariance / np.outer(scale, scale)
+        return problem, optimum, self.noise, covariance / np.outer(scale, scale), parts
 
 
 def natural_parameters(problem: IdentificationProblem, x: Array) -> Array:
@@ -573,4 +586,5 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
         mixture.covariance,
         mixture.evidence,
         mixture.walk_share,
+        tuple(part._replace(mean=part.mean - mixture.step) for part in mixture.parts),
     )

@@ -28,6 +28,7 @@ from tcdyn.estimation import (
     Optimum,
     minimise,
 )
+from tcdyn.estimation.noise_average import MixturePart
 from tcdyn.identification.causality import check_causality
 from tcdyn.identification.closed_loop import check_closed_loop
 from tcdyn.identification.disturbance import (
@@ -409,8 +410,8 @@ def _fit_average(
         if weights is not None:
             optimum = _fit_weighted(problem, optimum, weights)
     average = average_over_noise(problem, optimum)
-    problem, best, noise, cov_x = average.point_estimate(weights)
-    result = make_fit(data, problem, best, noise, "linear", covariance, cov_x, weights)
+    problem, best, noise, cov_x, parts = average.point_estimate(weights)
+    result = make_fit(data, problem, best, noise, "linear", covariance, cov_x, weights, parts)
     statistics = {**result.identified.statistics, "p_walk": average.p_walk}
     if has_waves:
         statistics["wave"] = wave_range(problem, best.theta)
@@ -437,6 +438,7 @@ def make_fit(
     covariance: Covariance,
     cov_x: Array | None = None,
     weights: Array | None = None,
+    parts: Sequence[MixturePart] = (),
 ) -> Fit:
     """The finished fit at an optimum: covariance, estimates, validation, statistics, findings.
 
@@ -451,6 +453,9 @@ def make_fit(
     weights
         Robust weights (N,) whose roots the rows of ``optimum`` include already, if it has none
         of its own.
+    parts
+        Distributions of x in natural parameters, relative to the optimum, whose mixture has the
+        covariance ``cov_x``; none for one normal distribution.
 
     Returns
     -------
@@ -475,7 +480,10 @@ def make_fit(
             problem, optimum, residual, covariance, effective_loss
         )
     else:
-        cov_x = cov_x + rounding_covariance(problem, optimum, residual)
+        rounding = rounding_covariance(problem, optimum, residual)
+        cov_x = cov_x + rounding
+        in_natural = rounding * np.outer(problem.natural_scale(x), problem.natural_scale(x))
+        parts = [part._replace(covariance=part.covariance + in_natural) for part in parts]
     scale = problem.natural_scale(x)
     n_model = problem.n_model
     cov_theta = (cov_x * np.outer(scale, scale))[:n_model, :n_model]
@@ -485,6 +493,9 @@ def make_fit(
         problem.model,
         problem.theta(x),
         cov_theta,
+        parts=tuple(
+            MixturePart(w, mean[:n_model], cov[:n_model, :n_model]) for w, mean, cov in parts
+        ),
         offset=final_offset(problem, x, residual, noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=data.hold,

@@ -32,10 +32,11 @@ from tcdyn.core.errors import (
     as_argument,
     first_validation_error,
 )
-from tcdyn.core.estimate import Estimate, rounded_texts
+from tcdyn.core.estimate import Estimate, mixture, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.labels import common_index
 from tcdyn.core.result import Result, estimates_frame, jsonable
+from tcdyn.estimation.noise_average import MixturePart
 from tcdyn.identification.holds import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, base_name, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
@@ -97,6 +98,9 @@ class Identified(Dynamics, Result):
     timing_u_s
         Standard uncertainty of the time of the output against the inputs [s]; it is in lag, dead
         time and percent times, and not in the covariance.
+    parts
+        Normal distributions of the free parameters, relative to ``theta``, whose mixture has the
+        covariance; none for one normal distribution.
     """
 
     model: Model
@@ -115,12 +119,13 @@ class Identified(Dynamics, Result):
     sentence: str = ""
     findings: tuple[Finding, ...] = ()
     timing_u_s: float = 0.0
+    parts: tuple[MixturePart, ...] = ()
 
     @classmethod
     def of(
         cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any
     ) -> Identified:
-        """Build a model with intervals of normal distributions.
+        """Build a model with intervals of normal distributions, or of the mixture of its parts.
 
         Parameters
         ----------
@@ -138,9 +143,13 @@ class Identified(Dynamics, Result):
         Identified
             The model.
         """
-        u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        estimates = {n: Estimate.normal(theta[n], u_n) for n, u_n in zip(model.free, u)}
-        return cls(model, theta, covariance, estimates, **more)
+        without = cls(model, theta, covariance, {}, **more)
+        unit = np.eye(len(model.free))
+        estimates = {
+            name: mixture(*without.distribution(theta[name], gradient))
+            for name, gradient in zip(model.free, unit)
+        }
+        return replace(without, estimates=estimates)
 
     def with_timing(self, u_s: float) -> Identified:
         """Return the model with an uncertainty of the time of the output against the inputs.
@@ -170,6 +179,10 @@ class Identified(Dynamics, Result):
                 model=model,
                 theta={n: self.theta[full] for n, full in names.items()},
                 covariance=self.covariance[np.ix_(index, index)],
+                parts=tuple(
+                    MixturePart(weight, mean[index], cov[np.ix_(index, index)])
+                    for weight, mean, cov in self.parts
+                ),
                 estimates={n: self.estimates[names[n]] for n in model.free},
                 offset=0.0,
                 hold=holds[k],
@@ -416,6 +429,7 @@ class Identified(Dynamics, Result):
                 "input": {"name": self.input_name, "unit": self.input_unit},
                 "output": {"name": self.output_name, "unit": self.output_unit},
                 "timing_u_s": self.timing_u_s,
+                "parts": [part._asdict() for part in self.parts],
                 "warnings": self.warnings,
                 "findings": [f.to_dict() for f in self.findings],
             }
@@ -487,6 +501,14 @@ class Identified(Dynamics, Result):
             output_unit=content["output"]["unit"],
             findings=tuple(findings),
             timing_u_s=content.get("timing_u_s", 0.0),
+            parts=tuple(
+                MixturePart(
+                    part["weight"],
+                    np.array(part["mean"], dtype=float),
+                    np.array(part["covariance"], dtype=float).reshape(size, size),
+                )
+                for part in content.get("parts", ())
+            ),
         )
 
 

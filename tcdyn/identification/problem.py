@@ -40,9 +40,9 @@ Initial = Literal["equilibrium", "level", "zero", "estimated"]
 
 MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
 MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment
-# Slow waves of a run: up to three periods, as faster ones are noise of a shorter memory; and of all
-# runs together, which only costs time. Study: `python -m tests.identify.small_drift_study`.
-N_WAVES = 6
+# Slow waves of a run: a line and cosines up to three periods, as faster ones are noise of a shorter
+# memory (`python -m tests.identify.small_drift_study`); and of all runs together, to save time.
+N_WAVES = 7
 MAX_WAVES = 24
 
 
@@ -130,9 +130,9 @@ class IdentificationProblem:
     4. for each segment that starts in equilibrium, the level before it, over the first sample, of
        each noisy input, or of all inputs where ``initial`` is "level";
     5. with ``trend`` the drift of each run, over the length of the longest segment;
-    6. with ``wave_sd`` the slow waves of each run, cos(pi k t/T) with k = 1, 2, ... and T the
-       length of the longest run. Their prior standard deviations fall as 1/k^2, as the cosine
-       series of a linear drift does.
+    6. with ``wave_sd`` the slow waves of each run: a line, and cos(pi k t/T) with k = 1, 2, ... and
+       T the length of the longest run. The prior standard deviations of the cosines fall as 1/k^2,
+       as the series of a smooth curve does.
 
     The order of x is computed in ``offset_and_state_slices``, ``past_level_index`` and
     ``baseline``, and it is read in ``tcdyn.identification.fitting.final_offset`` and
@@ -281,9 +281,9 @@ class IdentificationProblem:
 
     @property
     def wave_shares(self) -> Array:
-        """Prior standard deviation of each wave over that of the first of its run."""
-        shares = 1 / np.arange(1, self.n_waves + 1, dtype=float) ** 2
-        return np.tile(shares, len(self.run_start_s))
+        """Prior standard deviation of each wave over that of the line of its run."""
+        cosines = 1 / np.arange(1, self.n_waves, dtype=float) ** 2
+        return np.tile([1.0, *cosines], len(self.run_start_s))
 
     @cached_property
     def run_start_s(self) -> dict[int, float]:
@@ -573,9 +573,11 @@ class IdentificationProblem:
             jacobian[:, self.drift_slice.start + k] = since_s / self.longest_segment_s
         if self.n_waves:
             first = self.wave_slice.start + k * self.n_waves
-            phase = np.pi * since_s / self.longest_run_s
-            numbers = np.arange(1, self.n_waves + 1)
-            jacobian[:, first : first + self.n_waves] = np.cos(phase[:, None] * numbers)
+            share = since_s / self.longest_run_s
+            numbers = np.arange(1, self.n_waves)
+            jacobian[:, first] = share - 0.5
+            cosines = slice(first + 1, first + self.n_waves)
+            jacobian[:, cosines] = np.cos(np.pi * share[:, None] * numbers)
         return jacobian
 
     def _offset_and_baseline(

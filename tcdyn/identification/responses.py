@@ -20,8 +20,9 @@ from tcdyn.chain.rational import Rational, realise, simulate_rows
 from tcdyn.core import Array
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.estimate import Z95, Estimate, mixture
 from tcdyn.core.result import Result
+from tcdyn.estimation.noise_average import MixturePart
 from tcdyn.identification.models import KnownDynamics, Model
 
 SMALLEST_REL_U = 1e-12  # relative uncertainty below which it is a rounding error
@@ -47,6 +48,9 @@ class Dynamics:
     timing_u_s
         Standard uncertainty of the time of the output against the input [s], which is in lag, dead
         time and percent times.
+    parts
+        Normal distributions of the free parameters, relative to ``theta``, whose mixture has the
+        covariance; none for one normal distribution.
     """
 
     model: Model
@@ -54,6 +58,7 @@ class Dynamics:
     covariance: Array
     dt_s: float
     timing_u_s: float
+    parts: tuple[MixturePart, ...]
 
     @property
     def rational(self) -> Rational:
@@ -79,12 +84,27 @@ class Dynamics:
     @property
     def static_gain(self) -> Estimate:
         """Static gain with its uncertainty (without the integrator)."""
-        by_parameter = self.model.chain_rule(self.theta)[0]
-        return Estimate.normal(self.gain, self.standard_uncertainty(by_parameter[:, None])[0])
+        return mixture(*self.gain_parts)
+
+    @property
+    def gain_parts(self) -> tuple[list[Estimate], list[float]]:
+        """Normal distributions of the static gain and their weights."""
+        return self.distribution(self.gain, self.model.chain_rule(self.theta)[0])
 
     @cached_property
     def lag_s(self) -> Estimate:
         """First moment of the impulse response [s], the known factor included.
+
+        Raises
+        ------
+        InputError
+            For a model without a lag, or with one for each input.
+        """
+        return mixture(*self.lag_parts)
+
+    @property
+    def lag_parts(self) -> tuple[list[Estimate], list[float]]:
+        """Normal distributions of the lag [s] and their weights.
 
         Notes
         -----
@@ -111,8 +131,29 @@ class Dynamics:
                 gradient += [1.0, *[0.0] * (len(factor.coefs) - 2)]
         gradient.append(1.0)
         by_parameter = gradient @ self.model.chain_rule(self.theta)
-        u_s = self.standard_uncertainty(by_parameter[:, None])[0]
-        return Estimate.normal(g.lag_s, float(np.hypot(u_s, self.timing_u_s)))
+        return self.distribution(g.lag_s, by_parameter, self.timing_u_s)
+
+    def distribution(
+        self, value: float, gradient: Array, further_u: float = 0.0
+    ) -> tuple[list[Estimate], list[float]]:
+        """Return the normal distributions of a quantity, and their weights.
+
+        Parameters
+        ----------
+        value
+            The quantity.
+        gradient
+            Its derivatives with the free parameters (P,).
+        further_u
+            Standard uncertainty from elsewhere, in the unit of the quantity.
+        """
+        parts = self.parts or (MixturePart(1.0, np.zeros(len(gradient)), self.covariance),)
+        estimates = []
+        for part in parts:
+            variance = max(float(gradient @ part.covariance @ gradient), 0.0)
+            u = float(np.hypot(np.sqrt(variance), further_u))
+            estimates.append(Estimate.normal(value + float(gradient @ part.mean), u))
+        return estimates, [part.weight for part in parts]
 
     def standard_uncertainty(self, jacobian: Array) -> Array:
         """Return the standard uncertainties of quantities from their derivatives.

@@ -77,9 +77,7 @@ def study(drift: str, seeds: range, **options: Any) -> dict[str, float]:
     for seed in seeds:
         model = fit(record(seed, drift), "P2D", check=False, **options).identified
         found = {"gain": model.static_gain, "lag_s": model.lag_s, "dead_s": model.estimates["Td"]}
-        rows.append(
-            [(e.contains(truths[n]), e.value - truths[n], e.u) for n, e in found.items()]
-        )
+        rows.append([(e.contains(truths[n]), e.value - truths[n], e.u) for n, e in found.items()])
     table = np.array(rows, dtype=float)
     covered, errors, us = np.moveaxis(table, 2, 0)
     result = {name: float(n) for name, n in zip(truths, covered.sum(axis=0))}

@@ -18,9 +18,7 @@ RUNS = 16
 LEAST = int(stats.binom.ppf(0.005, RUNS, 0.95))
 
 
-@pytest.mark.parametrize(
-    "drift", ["line 1 %", "warming up 1 %", "wave of 0.7 periods, 6 %"]
-)
+@pytest.mark.parametrize("drift", ["line 1 %", "warming up 1 %", "wave of 0.7 periods, 6 %"])
 def test_drifts_and_slow_waves_are_in_the_intervals(drift: str) -> None:
     """With a test of whiteness that decides on a disturbance, 8 of 16 were covered."""
     result = study(drift, range(RUNS))

@@ -10,7 +10,6 @@ from closed_loop_cases import OPEN_LOOPS, closed_loop_record, open_loop_record
 from identify_cases import PLAIN
 from thermostat_cases import OPEN_KINDS, Noise, as_record, on_off_record, thermostat_record
 
-from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Severity
 from tcdyn.identification import IOData, compare, fit
 from tcdyn.identification.closed_loop import closed_loop
