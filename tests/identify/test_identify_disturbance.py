@@ -117,16 +117,17 @@ def test_marginal_likelihood_equals_generalised_least_squares():
     j = j / np.array([1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0])
     likelihoods = []
     for noise in (first_order_noise(np.log(9.0), 2.0), first_order_noise(np.log(300.0), -1.0)):
-        likelihood, step, covariance = linearise(problem, x, 1.0).marginal_likelihood(noise)
+        (node,) = linearise(problem, x, 1.0).marginal_likelihoods(noise)
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
         expected_step = -np.linalg.solve(information, j.T @ white @ r)
         weighted_sse = (r + j @ expected_step) @ white @ (r + j @ expected_step)
         dof = len(r) - len(x)
-        assert np.allclose(step, expected_step, rtol=1e-6, atol=1e-9)
-        assert np.allclose(covariance, weighted_sse / dof * np.linalg.inv(information), rtol=1e-5)
+        assert np.allclose(node.step, expected_step, rtol=1e-6, atol=1e-9)
+        expected = weighted_sse / dof * np.linalg.inv(information)
+        assert np.allclose(node.covariance, expected, rtol=1e-5)
         log_det = np.linalg.slogdet(information)[1] + np.linalg.slogdet(dense(noise, len(r)))[1]
-        likelihoods.append((likelihood, -0.5 * (dof * np.log(weighted_sse) + log_det)))
+        likelihoods.append((node.log_likelihood, -0.5 * (dof * np.log(weighted_sse) + log_det)))
     # equal except for a constant
     assert likelihoods[0][0] - likelihoods[1][0] == pytest.approx(
         likelihoods[0][1] - likelihoods[1][1], abs=1e-4

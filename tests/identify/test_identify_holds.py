@@ -64,6 +64,8 @@ def record(seed: int, hold: object = "auto") -> IOData:
 def test_dead_times_are_within_their_intervals_where_each_input_has_its_own_hold():
     data = record(41)
     assert data.hold == ("zoh", "foh")
+    assert data.timing_u_s == pytest.approx(DT_S / np.sqrt(12))  # the holds are not stated
+    data = replace(data, timing_u_s=0.0)
     assert data.select(input="room").hold == "foh"
     model = several(["P2D", "P2D"], data.input_names)
     result = fit(data, model, **WHITE)

@@ -205,7 +205,7 @@ def test_drift_is_not_taken_for_a_lag() -> None:
     """The drift of 1.5 is three quarters of the gain."""
     for seed in range(3):
         comparison = compare(record(seed, DISTURBANCES["drift"][0]))
-        assert comparison.best.problem.trend
+        assert comparison.best.problem.n_waves
         gain = comparison.averaged["u"]["gain"]
         assert gain.value == pytest.approx(2.0, abs=4 * gain.u), seed
 
@@ -301,7 +301,7 @@ def test_real_pair_of_poles_behind_any_input_is_left_out_where_two_lags_fit() ->
 
 def test_models_of_a_comparison_share_one_setting_and_the_summary_gives_the_average() -> None:
     comparison = compare(record(12, DISTURBANCES["drift"][0]), "P1D", "P1", initial="equilibrium")
-    assert all(f.problem.trend for f in comparison.fits.values())
+    assert all(f.problem.n_waves for f in comparison.fits.values())
     assert {f.problem.initial for f in comparison.fits.values()} == {"equilibrium"}
     gain = comparison.averaged["u"]["gain"]
     assert gain.value == pytest.approx(2.0, abs=4 * gain.u)

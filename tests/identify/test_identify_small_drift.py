@@ -26,6 +26,7 @@ def test_drifts_and_slow_waves_are_in_the_intervals(drift: str) -> None:
     assert result["z"] < 4  # normal errors: once in 300 studies
 
 
+@pytest.mark.study
 def test_without_a_drift_the_uncertainty_is_little_larger() -> None:
     """White noise given: u = 1. A slope that is fitted in any case costs 1.4 to 1.6 here."""
     averaged = study("none", range(RUNS))
