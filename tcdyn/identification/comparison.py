@@ -28,6 +28,7 @@ from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
+from tcdyn.identification.even_input import check_even_inputs
 from tcdyn.identification.excitation import excitation
 from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, block_held_out_rms, split_held_out
@@ -206,8 +207,10 @@ class Comparison(Result):
             has_closed_loop = True
         for code in self.validation.record_problems:
             # feedback says the same as a closed loop
-            if not (has_closed_loop and code == "record.feedback"):
-                troubles.append(code)
+            if has_closed_loop and code == "record.feedback":
+                continue
+            is_on_off = code == "record.nonlinear" and has_two_levels(self.best)
+            troubles.append("record.rise_and_fall" if is_on_off else code)
         if self.reason.code == "models.foresees":
             troubles.append("model.general")
         percent = centred_fit_percent(self.best)
@@ -338,6 +341,8 @@ def compare(
     ladder = Ladder(replace(data, findings=()), template, given, progress, held_out)
     given_models = [resolve_entry(m, data) for m in entries]
     record = search_record(ladder)
+    if options.get("check", True):
+        check_even_inputs(record.data, data.name or "identify")
     if isinstance(held_out, IOData):
         held_out = block_means(held_out, record.block)
     searched = replace(ladder, data=record.data, held_out=held_out)
@@ -698,6 +703,12 @@ def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
             if two_lags is not None and (result.findings or not two_lags.findings):
                 names.append(name)
     return names
+
+
+def has_two_levels(result: Fit) -> bool:
+    """Whether each input has two values only, so that there is no step between other levels."""
+    inputs = np.concatenate([s.inputs for s in result.problem.segments])
+    return all(len(np.unique(u)) <= 2 for u in inputs.T)
 
 
 def is_doubtful(result: Fit) -> bool:

@@ -222,6 +222,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "them, and the lag then depends on the assumed structure",
         "record.nonlinear": "identify each level on its own, with steps between two neighbouring "
         "levels, because the output does not follow the input linearly",
+        "record.rise_and_fall": "identify rise and fall each on its own, as records of one switch "
+        "until the output has settled, because the output does not follow the input linearly",
         "record.changing": "identify each part of the record on its own, because the response "
         "changes with time, as that of a sensor in a flow that changes",
         "record.clock_drift": "correct the time of one logger and join the tables anew, because "
