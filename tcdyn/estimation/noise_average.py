@@ -353,8 +353,8 @@ def wave_sizes(n: int, largest: float) -> Array:
 
     Examples
     --------
-    >>> wave_sizes(100, 1.0).round(3).tolist()
-    [0.002, 0.005, 0.013, 0.031, 0.078, 0.195, 0.488]
+    >>> wave_sizes(400, 1.0).round(3).tolist()
+    [0.001, 0.002, 0.006, 0.016, 0.039, 0.098, 0.244, 0.61]
     """
     least = LEAST_WAVE / np.sqrt(n)
     count = int(np.log(max(largest / least, 1.0)) / np.log(WAVE_RATIO)) + 1

@@ -495,7 +495,16 @@ class NoiseAverage:
         else:
             covariance = covariance + np.outer(difference, difference)
             parts = ()
-        optimum = replace(self.optimum, problem=core, theta=x, residual=rows[0], jacobian=rows[1])
+        distance = x - core.prior_mean
+        optimum = replace(
+            self.optimum,
+            problem=core,
+            theta=x,
+            residual=rows[0],
+            jacobian=rows[1],
+            cost=float(rows[0] @ rows[0] + distance @ (core.precision * distance)),
+            information=rows[1].T @ rows[1] + np.diag(core.precision),
+        )
         return problem, optimum, self.noise, covariance / np.outer(scale, scale), parts
 
 

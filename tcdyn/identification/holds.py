@@ -105,7 +105,7 @@ def timing_u_s(hold: Holds | Literal["auto"], dt_s: float) -> float:
     >>> round(timing_u_s("auto", 1.0), 4), timing_u_s("zoh", 1.0)
     (0.2887, 0.0)
     """
-    return dt_s / np.sqrt(12) if hold == "auto" else 0.0
+    return float(dt_s / np.sqrt(12)) if hold == "auto" else 0.0
 
 
 def is_setpoint(u: Array) -> tuple[bool, float]:

@@ -19,7 +19,14 @@ from tcdyn.core import Array
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import warning
-from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich_covariance
+from tcdyn.estimation import (
+    Loss,
+    Optimum,
+    inverse,
+    minimise,
+    robust_covariance,
+    sandwich_covariance,
+)
 from tcdyn.estimation import profile as likelihood_profile
 from tcdyn.identification.models import base_name, input_suffix
 from tcdyn.identification.problem import IdentificationProblem
@@ -93,7 +100,8 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     Notes
     -----
     The deviance is in units of the reported variance, sandwich covariance and rounding included.
-    The limit is from Student's t.
+    The limit is from Student's t. Of a fit that is averaged over noise the profile is that under the
+    likeliest noise, moved to the mean.
 
     Examples
     --------
@@ -114,15 +122,20 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     positive = problem.model.is_positive(name)
     variance = float(e @ e) / dof
     u = float(np.sqrt(max(fit.covariance_x[index, index], 1e-30)))
+    optimum = fit.optimum
+    if fit.noise.averaged:
+        # the mean over noise models is not the minimum under the likeliest one
+        optimum = minimise(optimum.problem, optimum.theta, tolerance=0.0, relative=1e-9)
+    shift = float(fit.x[index] - optimum.theta[index])
     inflation = 1.0
     if fit.identified.statistics["robust_covariance"]:
-        classical = variance * fit.optimum.covariance[index, index]
+        classical = variance * optimum.covariance[index, index]
         reported = float(fit.covariance_x[index, index])
         if reported > 0 and classical > 0:  # not where the record says nothing of the parameter
             inflation = reported / classical
     t = float(stdtrit(dof, 0.975))
     curve = likelihood_profile(
-        fit.optimum,
+        optimum,
         name,
         u=min(u, MAX_LOG_STEP) if positive else u,
         scale=variance * inflation,
@@ -135,8 +148,8 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
         tolerance=0.0,
         relative=1e-9,
     )
-    low = curve.value[0] if curve.low95 is None else curve.low95
-    high = curve.value[-1] if curve.high95 is None else curve.high95
+    low = shift + (curve.value[0] if curve.low95 is None else curve.low95)
+    high = shift + (curve.value[-1] if curve.high95 is None else curve.high95)
     if positive:
         low, high = np.exp([low, high])
     quadratic = fit.estimates[name]

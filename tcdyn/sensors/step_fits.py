@@ -215,6 +215,7 @@ def fit_curve(
     *,
     noise: tuple[NoiseModel, float],
     linear: Columns | None = None,
+    bends: bool = False,
     steps: int = MAX_STEPS,
     tolerance: float = TOLERANCE,
     prior: Mapping[str, tuple[float, float]] | None = None,
@@ -241,6 +242,8 @@ def fit_curve(
         Autoregression and level [K] of the residuals (:func:`residual_noise`).
     linear
         Derivatives of the curve that need no further curve, by the names of their parameters.
+    bends
+        Whether the search follows curved valleys to second order (:func:`minimise`).
     steps
         Largest number of steps of the search.
     tolerance
@@ -307,7 +310,7 @@ def fit_curve(
     problem = Problem(
         tuple(names),
         evaluate,
-        residual=whitened_residual,
+        residual=whitened_residual if bends else None,
         prior_mean=prior_mean,
         prior_sd=prior_sd,
         lower=low,

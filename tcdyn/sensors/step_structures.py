@@ -777,7 +777,10 @@ def _starts_of_stage(
     for values in STAGES[stage].starts():
         if "settling_s" in values:
             values["settling_s"] = min(values["settling_s"], SETTLING_SHARE * record.sensor_lag_s)
-        starts.append(fitted.fit.theta | values)
+        # level and drift of a fit without the stage are those of its misfit
+        edge = record.start([])
+        linear = {name: edge[name] for name in ("level", "size", "drift_K")}
+        starts.append(fitted.fit.theta | linear | values)
     return starts
 
 
@@ -946,6 +949,7 @@ def _fit_structure(
         },
         noise=noise,
         linear=linear,
+        bends=True,
         steps=MAX_STEPS,
         tolerance=TOLERANCE,
     )

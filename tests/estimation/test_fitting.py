@@ -349,6 +349,36 @@ def test_box_of_a_noise_grid_matches_its_nodes_after_any_refinement(width):
     assert (len(evaluated) == ZOOMS * len(grid.nodes)) == (width < 0.001)
 
 
+@pytest.mark.parametrize("curvature", [-0.9, 0.5, 0.9])
+def test_secant_steps_converge_faster_for_large_residuals(curvature: float) -> None:
+    """r = (x + 1, c x^2 + x - 1), least at zero. Gauss-Newton steps leave c of the error (Fletcher
+    1987, 6.1)."""
+    n_evaluations = {}
+    for secant in (False, True):
+        evaluated: list[float] = []
+
+        def residuals(
+            x: np.ndarray, evaluated: list[float] = evaluated
+        ) -> tuple[np.ndarray, np.ndarray]:
+            evaluated.append(float(x[0]))
+            return np.array([x[0] + 1, curvature * x[0] ** 2 + x[0] - 1]), np.array(
+                [[1.0], [2 * curvature * x[0] + 1]]
+            )
+
+        optimum = minimise(
+            Problem(("x",), residuals),
+            np.array([0.1]),
+            tolerance=1e-14,
+            relative=0.0,
+            damping=1e-6,
+            secant=secant,
+        )
+        n_evaluations[secant] = len(evaluated)
+    assert optimum.converged
+    assert abs(optimum.theta[0]) < 1e-6  # a step that gains 1e-14 is 1e-7 long or less
+    assert 2 * n_evaluations[True] < n_evaluations[False]
+
+
 def test_steps_that_follow_a_curved_valley_are_fewer() -> None:
     """A valley y = x^3 with steep walls, along which the cost falls slowly to (1, 1)."""
 
