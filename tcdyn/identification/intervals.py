@@ -100,8 +100,8 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
     Notes
     -----
     The deviance is in units of the reported variance, sandwich covariance and rounding included.
-    The limit is from Student's t. Of a fit that is averaged over noise the profile is that under the
-    likeliest noise, moved to the mean.
+    The limit is from Student's t. Of a fit that is averaged over noise the profile is that under
+    the likeliest noise, moved to the mean.
 
     Examples
     --------

@@ -352,6 +352,16 @@ def _with_other_stream(
     to_lag = Estimate(**cast("dict[str, float]", there["to_lag_s"]))
     if to_lag.u > UNKNOWN_SHARE * to_lag.value:
         found.append(warning("sensor.other_stream", subject=column, lag_s=to_lag.value, u=to_lag.u))
+    else:
+        finding = info(
+            "sensor.in_other",
+            subject=column,
+            medium=other[0].medium,
+            speed_m_s=other[0].speed_m_s,
+            lag_s=to_lag.value,
+            u=to_lag.u,
+        )
+        found.append(finding)
     update = {"fit": sensor.fit | there, "findings": [*sensor.findings, *found]}
     return sensor.model_copy(update=update)
 

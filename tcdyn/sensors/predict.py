@@ -18,7 +18,7 @@ from tcdyn.core import Array
 from tcdyn.core.arguments import with_named_arguments
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, warning
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.options import options_of
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.construction import CORE_W_MK, WIRE, DrawnSensors, drawn_sensors
@@ -54,6 +54,9 @@ EXPOSED_LENGTH = 0.5
 # Relative standard uncertainty above which there is a warning; by judgement: with more, another
 # construction is as likely.
 ROUGH_U = 0.4
+# Diameters of the makers' tables with which the constructions were compared [mm]
+# (`python -m tests.sensors.predict_study`)
+DESIGNS_MM = (0.5, 8.0)
 LIMITS = ("the surface coefficient and the speed", "the construction, which the maker can state")
 
 
@@ -155,6 +158,18 @@ def predict_sensor(
         fit=fit,
     )
     found = [*surroundings.findings(), *_exposed_findings(diameter_mm, drawn, settings)]
+    if speed_m_s == 0:
+        found.append(info("predict.still", medium=medium))
+    smallest_mm, largest_mm = DESIGNS_MM
+    if not smallest_mm <= diameter_mm <= largest_mm:
+        found.append(
+            warning(
+                "predict.size",
+                diameter_mm=diameter_mm,
+                smallest_mm=smallest_mm,
+                largest_mm=largest_mm,
+            )
+        )
     largest_u = max(estimate.u / estimate.value for estimate in (lag, *times.values()))
     if largest_u > ROUGH_U:
         found.append(warning("predict.rough", percent=100 * largest_u))

@@ -339,3 +339,13 @@ def test_a_liquid_far_beyond_its_properties_is_refused(medium: str, T_degC: floa
 def test_the_name_of_a_medium_may_be_in_capitals() -> None:
     named = predict_sensor(3.0, "Oil", speed_m_s=0.4).lag_s
     assert named == predict_sensor(3.0, "oil", speed_m_s=0.4).lag_s
+
+
+def test_a_still_medium_and_an_unusual_diameter_are_told() -> None:
+    """An inch typed as millimetres, and a speed that was forgotten."""
+    codes = {f.code for f in predict_sensor(0.125, "water", speed_m_s="1").findings}
+    assert "predict.size" in codes
+    assert "predict.still" not in codes
+    still = predict_sensor(3.0, "air")
+    assert [f.sentence for f in still.findings if f.code == "predict.still"]
+    assert "predict.size" not in {f.code for f in still.findings}

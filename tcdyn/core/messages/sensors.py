@@ -180,6 +180,14 @@ SENSOR: dict[str, Message] = {
     "sensor.other_stream": "{subject}: the lag in the other stream, {lag_s:.3g} +- {u:.2g} s, is "
     "hardly known: it is the difference of two larger ones. Measure where the film is thin, as in "
     "water",
+    "sensor.in_other": "{subject}: the chain in the file holds in the stream of the dip. In "
+    "{medium} at {speed_m_s:g} m/s the lag is {lag_s:.4g} +- {u:.2g} s: make a file for it with "
+    "`tcdyn sensor new --tau-s {lag_s:.4g}+-{u:.2g} --column {subject}`",
+    "predict.still": "the {medium} is taken as still (natural convection): if it moves, state its "
+    "speed (--speed-m-s), of which the lag is a strong function",
+    "predict.size": "the diameter is {diameter_mm:g} mm, and the constructions that are averaged "
+    "over are those of sheaths of {smallest_mm:g} to {largest_mm:g} mm: check the unit, and "
+    "measure the sensor with a dip",
     "predict.no_liquid": "water at {T_degC:g} °C is no liquid at atmospheric pressure: its "
     "properties are extrapolated",
     "predict.rough": "the standard uncertainty of a time is {percent:.0f} % of it: "
