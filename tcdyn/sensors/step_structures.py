@@ -674,13 +674,17 @@ def _fit_with_noise(
 
 
 def _best_of_each(fitted: Sequence[FittedStructure]) -> list[FittedStructure]:
-    """Return the fit of least BIC of each structure: other solutions rarely lead elsewhere."""
+    """Return all fits of one lag, and of other structures that of least BIC.
+
+    With one lag, the lag may be the sensor's or the medium's: stages start from both.
+    """
+    kept = [f for f in fitted if f.structure.lags == 1]
     best = dict[StepStructure, FittedStructure]()
     for f in fitted:
         known = best.get(f.structure)
-        if known is None or f.fit.bic < known.fit.bic:
+        if f.structure.lags > 1 and (known is None or f.fit.bic < known.fit.bic):
             best[f.structure] = f
-    return list(best.values())
+    return [*kept, *best.values()]
 
 
 def _without_repeated_sharp(fitted: Sequence[FittedStructure]) -> list[FittedStructure]:

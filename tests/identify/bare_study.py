@@ -106,7 +106,8 @@ def quantity(values: Sequence[Estimate | None], truth: float | None) -> tuple[fl
     errors = np.array([e.value - truth for e in known])
     z = errors / np.maximum([e.u for e in known], 1e-300)
     rms_z = np.sqrt(np.mean(z**2))
-    return float(covered), float(rms_z), float(np.median(np.abs(errors)) / abs(truth))
+    relative = float(np.median(np.abs(errors)) / abs(truth)) if truth else np.nan
+    return float(covered), float(rms_z), relative
 
 
 def summarise(name: str, results: Sequence[Outcome]) -> dict[str, object]:
