@@ -13,7 +13,18 @@ from tests.behaviour.runs import RUNS
 from tests.behaviour.store import SHARE_OF_U, differences, inputs_in, load, results_of
 
 STORED = load()
-NAMES = [pytest.param(n, marks=() if run.is_smoke else pytest.mark.e2e) for n, run in RUNS.items()]
+# Minutes; the same command is run by tests/cli/test_main_job.py
+LONG = "compensate a rig log"
+
+
+def marks_of(name: str) -> list[pytest.MarkDecorator]:
+    """Marks of a run."""
+    if name == LONG:
+        return [pytest.mark.e2e, pytest.mark.long]
+    return [] if RUNS[name].is_smoke else [pytest.mark.e2e]
+
+
+NAMES = [pytest.param(name, marks=marks_of(name)) for name in RUNS]
 
 
 @pytest.fixture(scope="module")

@@ -56,6 +56,7 @@ def test_one_clock_gives_no_warning(kind: str) -> None:
     assert not has_warning(fit(data, "P1D"))
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("kind", ["white", "ar", "drift"])
 def test_false_alarms_are_rare(kind: str) -> None:

@@ -24,6 +24,7 @@ def test_one_clock_gives_no_warning(noise: str) -> None:
     assert rate_of(pair_of(0, noise=noise)) is None
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("noise", ["white", "ar", "drift"])
 def test_false_alarms_are_rare(noise: str) -> None:

@@ -88,6 +88,7 @@ def test_a_long_log_is_compensated_as_in_one_piece(
     pd.testing.assert_frame_equal(made[rest], whole[rest])
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.usefixtures("small")
 def test_a_long_log_without_unloading_and_a_place_that_cannot_be_written(
