@@ -20,8 +20,9 @@ from tcdyn.identification.models import Model, as_model, several
 # linear in it. By judgement.
 MIN_BOTH_SIGNS = 0.1
 # Sum of squares of the residuals with the square over that with the input, below which the square
-# is the cause, and the least fit with it [%]. With the wrong one of the two the fit is below 40 %
-# in the records of the test; by judgement between them.
+# is the cause; and the least fit with it [%]. Of 60 records like those of the test, of currents and
+# of linear plants, the right one of the two had a share below 0.001 and a fit above 98 %, the wrong
+# one a fit of up to 62 %, so that the share decides. Both limits by judgement, between them.
 MAX_SQUARE_SHARE = 0.25
 MIN_FIT_PERCENT = 50.0
 

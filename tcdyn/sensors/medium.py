@@ -164,7 +164,7 @@ class Surroundings:
 
     def __post_init__(self) -> None:
         """Check medium, speed and temperature."""
-        self.fluid  # noqa: B018 - raises for an unknown medium
+        _ = self.fluid  # raises for an unknown medium
         if not 0 <= self.speed_m_s < MAX_SPEED_M_S:
             raise InputError(
                 f"{{speed_m_s}} is {self.speed_m_s:g}",
