@@ -28,13 +28,19 @@ from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identification.closed_loop import check_closed_loop, closed_loop
+from tcdyn.identification.disturbance import Baseline
 from tcdyn.identification.even_input import check_even_inputs
 from tcdyn.identification.excitation import excitation
 from tcdyn.identification.fitting import add_findings, fit
 from tcdyn.identification.heldout import Progress, block_held_out_rms, split_held_out
 from tcdyn.identification.identified import Identified, from_control
 from tcdyn.identification.iodata import IOData, as_iodata
-from tcdyn.identification.ladder import Ladder, select_structures
+from tcdyn.identification.ladder import (
+    N_REFERENCES,
+    Ladder,
+    common_setting,
+    select_structures,
+)
 from tcdyn.identification.large_records import (
     SearchRecord,
     block_means,
@@ -55,7 +61,7 @@ from tcdyn.identification.recommendation import (
 )
 from tcdyn.identification.recordings import from_csv, from_frame, with_hold
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import Setting, average_noise, bic, setting_of
+from tcdyn.identification.setting import Setting, bic
 from tcdyn.identification.shared_poles import best_common_pole_fit
 from tcdyn.identification.validation import (
     Validation,
@@ -444,7 +450,8 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
 
     fits, setting = fit_models(ladder)
     result = score(ladder, fits, setting)
-    if setting.has_disturbance and is_doubtful(result.best):
+    is_white = setting.noise == "white" and setting.baseline == "none"
+    if not is_white and is_doubtful(result.best):
         fits, setting = fit_models(ladder.with_white_noise())
         result = prefer_held_out(result, score(ladder, fits, setting))
     if given_models:
@@ -587,15 +594,17 @@ def fit_given(
                 results[model.name] = error
         return results
 
-    setting = Setting.first(ladder.options)
-    fits = fit_all(setting)
+    target = ladder.setting
+    first = target.with_white_noise if target.is_averaged else target
+    fits = fit_all(first)
     fitted = [f for f in fits.values() if isinstance(f, Fit)]
     if not fitted:
         raise next(f for f in fits.values() if isinstance(f, InputError))
-    selected, _ = ladder.select_setting(fitted, setting)
-    if selected != setting:
-        fits = fit_all(selected)
-    return fits, selected
+    references = sorted(fitted, key=bic)[:N_REFERENCES]
+    setting = common_setting(ladder, references, target)
+    if setting != first:
+        fits = fit_all(setting)
+    return fits, setting
 
 
 def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting) -> Comparison:
@@ -630,8 +639,7 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
         if isinstance(result, InputError):
             rows[name] = {"model": name, "remark": str(result), "determined": False}
         elif name in scored:
-            start = result.identified.theta
-            held_out = ladder.held_out_error(result, **setting.options, start=start)
+            held_out = ladder.held_out_error(result, setting)
             rows[name] |= dict(zip(HELD_OUT_COLUMNS, held_out))
     table = pd.DataFrame([rows[name] for name in fits]).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
@@ -801,7 +809,7 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         final = final_fit(ladder, best)
         for name in likely_models(result.table, fits):
             if fits[name] is not best:
-                fits[name] = average_noise(fits[name], ladder.options, ladder.fit_model)
+                fits[name] = averaged_fit(ladder, fits[name])
     numbers = dict(result.reason.numbers)
     if is_part:
         n_measured = record.data.n_samples - record.data.n_missing
@@ -817,16 +825,15 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         has_free_state = initial == "level" and model.integrators > 0
         numbers["initial"] = "estimated" if has_free_state else initial
     noise = final.noise
-    setting = setting_of(final)
     if noise.averaged:
         is_finite = noise.time_constant < len(final.residual)
         numbers["order"] = list(noise.order)
         numbers["memory_s"] = noise.time_constant * data.dt_s if is_finite else None
         statistics = final.identified.statistics
         numbers |= {name: statistics[name] for name in ("p_walk", "wave") if name in statistics}
-    elif setting.has_disturbance:
+    elif not noise.white or final.problem.trend:
         numbers["order"] = list(noise.order)
-        numbers["baseline"] = setting.baseline
+        numbers["baseline"] = baseline_of(final)
     final = add_findings(final, tuple(check_holds(ladder, final)))
     fits[result.recommended] = final
     fits = {name: add_findings(f, data.findings) for name, f in fits.items()}
@@ -842,31 +849,37 @@ def final_fit(ladder: Ladder, best: Fit) -> Fit:
     ladder
         The record and the options.
     best
-        The fit of the model, with quadratic intervals and the selected noise.
+        The fit of the model under the common setting, with quadratic intervals.
 
     Returns
     -------
     Fit
-        The average, or the fit with the selected noise where the average does not describe it.
+        The final fit; ``best`` for a model without free parameters, or with noise of its own poles.
     """
     model = best.problem.model
     if model.arx or not model.free:
         return best
+    options = {**ladder.options, "initial": best.problem.initial, "check": False}
+    try:
+        return fit(ladder.data, model, **options, start=best.identified.theta)
+    except InputError:
+        return best
 
-    def fit_model(
-        model: Model, setting: Setting, start: Sequence[Mapping[str, float]]
-    ) -> Fit | None:
-        """Return the fit under a setting with its intervals, or None where there is none."""
-        options = {**setting.options, **ladder.options, "check": False}
-        try:
-            return fit(ladder.data, model, **options, start=start)
-        except InputError:
-            return None
 
-    average = average_noise(best, ladder.options, fit_model)
-    if average is not best or best.loss != "linear":
-        return average
-    return fit_model(model, setting_of(best), [best.identified.theta]) or best
+def averaged_fit(ladder: Ladder, likely: Fit) -> Fit:
+    """Return the fit of a likely model averaged over noise, or as it is where that is given."""
+    target = replace(ladder.setting, initial=likely.problem.initial)
+    if not target.is_averaged:
+        return likely
+    start = [likely.identified.theta]
+    return ladder.fit_model(likely.problem.model, target, start) or likely
+
+
+def baseline_of(result: Fit) -> Baseline:
+    """Baseline of a fit that is not averaged over noise."""
+    if result.noise.is_random_walk:
+        return "walk"
+    return "trend" if result.problem.trend else "none"
 
 
 def likely_models(table: pd.DataFrame, fits: Mapping[str, Fit]) -> dict[str, float]:

@@ -453,7 +453,8 @@ class NoiseAverage:
         problem
             The identification problem.
         optimum
-            Its optimum, moved to the mean where the problem is linear so far.
+            Its optimum, moved to the mean where the problem is linear so far. Its rows include the
+            roots of the weights.
         noise
             The likeliest noise.
         covariance
@@ -499,6 +500,7 @@ class NoiseAverage:
         optimum = replace(
             self.optimum,
             problem=core,
+            weights=None,
             theta=x,
             residual=rows[0],
             jacobian=rows[1],

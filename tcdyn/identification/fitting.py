@@ -2,8 +2,8 @@
 
 The result has parameters with uncertainty, a noise model and validated residuals. ``fit`` is the
 public function; the other modules of the package use it too. The order of its stages: checks, white
-noise, robust loss or input noise, selection of the setting (``tcdyn.identification.setting``),
-average over slow noise in any case, intervals. ``tests/identify/test_identify_fit.py``
+noise, robust loss or input noise, average over slow noise and waves, initial state
+(``tcdyn.identification.setting``), intervals. ``tests/identify/test_identify_fit.py``
 and ``test_identify_studies.py`` in that folder check recovery and coverage.
 """
 
@@ -70,7 +70,7 @@ from tcdyn.identification.search import (
     sqrt_weights,
 )
 from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES
-from tcdyn.identification.setting import Setting, average_noise, select_setting
+from tcdyn.identification.setting import LikelyNoise, Setting, with_likely_start
 from tcdyn.identification.starting_values import (
     single_input_problems,
     solve_linear_parameters,
@@ -119,15 +119,14 @@ def fit(
         The record starts in "equilibrium" with its first input, or with another "level" of the
         input, which is estimated (as where it begins when a heater is switched); from "zero"; or
         from any state, which is "estimated". "auto" selects it
-        (:func:`tcdyn.identification.setting.select_setting`).
+        (:func:`tcdyn.identification.setting.with_likely_start`).
     noise
         "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
-        minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
-        first-order noise; "auto", that average, or noise selected from the data where the
-        average does not describe it.
+        minimised); "ar" or "arma", with the order from the data; "slow" or "auto", an average over
+        white and slow first-order noise.
     baseline
-        "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto" as
-        for ``noise``.
+        "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto":
+        with slow noise an average over slow waves of any size, else none.
     loss
         "linear", or "huber" or "bisquare" against outliers.
     covariance
@@ -182,9 +181,87 @@ def fit(
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)
     0.13
     """
-    data = as_iodata(data)
     structure = as_model(model)
-    check_knowledge(structure, bounds or {}, prior or {})
+    prior = prior or {}
+    bounds = bounds or {}
+    check_knowledge(structure, bounds, prior)
+    data, weights = weighted_record(as_iodata(data), weights)
+    options: dict[str, Any] = {
+        "loss": loss,
+        "covariance": covariance,
+        "input_noise": input_noise,
+        "bounds": bounds,
+        "prior": prior,
+        "weights": weights,
+    }
+    selectable = {"initial": initial, "noise": noise, "baseline": baseline}
+    given = {name: value for name, value in selectable.items() if value != "auto"}
+    if structure.arx:
+        # its noise is that of its poles
+        given = {"noise": "white", "baseline": "none", **given}
+    setting = Setting.of(given)
+    given_starts = [start] if isinstance(start, Mapping) else start or []
+    loops = check_closed_loop(data, data.name or "identify") if check else ()
+    # the output of a thermostat moves before its input
+    has_causal_input = check and not loops
+    result, data, options = _fit_outliers(
+        data, structure, setting, given_starts, has_causal_input, options
+    )
+
+    def fit_model(
+        model: Model, changed: Setting, start_sets: Sequence[Mapping[str, float]]
+    ) -> Fit | None:
+        """Return the fit under another setting, or None where there is none."""
+        try:
+            return fit_setting(data, model, changed, start_sets or given_starts, **options)
+        except InputError:
+            return None
+
+    result = with_likely_start(result, setting, given, fit_model)
+    result = replace(result, loss=loss)
+    is_weighted = result.optimum.weights is not None
+    if intervals != "quadratic" and not is_weighted:
+        result = replace_poor_intervals(result, intervals == "profile")
+    result = replace(result, identified=result.identified.with_timing(data.timing_u_s))
+    conflicts = prior_conflicts(structure, result.estimates, prior)
+    return add_findings(result, (*conflicts, *data.findings, *loops))
+
+
+def fit_under(
+    data: IOData,
+    model: Model,
+    setting: Setting,
+    start_sets: Sequence[Mapping[str, float]] = (),
+    *,
+    loss: Loss = "linear",
+    covariance: Covariance = "auto",
+    check: bool = False,
+    input_noise: float | Literal["auto"] = "auto",
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+) -> Fit:
+    """Return the fit under one setting for a comparison, with quadratic intervals.
+
+    Parameters
+    ----------
+    data, model, setting
+        Data, model, and the setting that the compared models share.
+    start_sets
+        Sets of parameters to start from; none for the starting values of the package.
+    loss, covariance, check, input_noise, bounds, prior
+        As in :func:`fit`.
+
+    Returns
+    -------
+    Fit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        For data from which the model cannot be identified.
+    """
+    check_knowledge(model, bounds or {}, prior or {})
     options: dict[str, Any] = {
         "loss": loss,
         "covariance": covariance,
@@ -192,51 +269,62 @@ def fit(
         "bounds": bounds or {},
         "prior": prior or {},
     }
-    if weights is not None:
-        options["weights"] = checked_weights(data, weights)
-        is_left_out = options["weights"][:, None] == 0
-        data = data.with_outputs(np.where(is_left_out, np.nan, data.outputs))
-    selectable = {"initial": initial, "noise": noise, "baseline": baseline}
-    given = {name: value for name, value in selectable.items() if value != "auto"}
-    setting = Setting.first(given)
-    given_starts = [start] if isinstance(start, Mapping) else start or []
-    is_walk = setting.baseline in ("walk", "auto")
-    first = setting
-    if loss != "linear":
-        first = replace(setting, noise="white", baseline="none" if is_walk else setting.baseline)
-    loops = check_closed_loop(data, data.name or "identify") if check else ()
-    # the output of a thermostat moves before its input
-    result = fit_setting(data, structure, first, given_starts, check=check and not loops, **options)
-    fitted = data
-    if loss != "linear":
-        is_slow = is_walk or setting.noise == "slow"
-        is_selected = not {"noise", "baseline"} <= set(given)
-        if is_slow or (is_selected and has_coloured_residuals(result)):
-            # a robust loss would treat the crests of slow noise as outliers
-            fitted = without_spikes(data, result)
-            options["loss"] = "linear"
-    if fitted is not data or first != setting:
-        result = fit_setting(fitted, structure, setting, given_starts, **options)
-
-    def fit_model(
-        model: Model, changed: Setting, start_sets: Sequence[Mapping[str, float]]
-    ) -> Fit | None:
-        """Return the fit under another setting, or None where there is none."""
-        try:
-            return fit_setting(fitted, model, changed, start_sets or given_starts, **options)
-        except InputError:
-            return None
-
-    given["loss"] = options["loss"]
-    _, result = select_setting([result], setting, given, fit_model)
-    result = average_noise(result, given, fit_model)
+    result = _fit_outliers(data, model, setting, start_sets, check, options)[0]
     result = replace(result, loss=loss)
-    is_weighted = result.optimum.weights is not None
-    if intervals != "quadratic" and not is_weighted:
-        result = replace_poor_intervals(result, intervals == "profile")
     result = replace(result, identified=result.identified.with_timing(data.timing_u_s))
-    conflicts = prior_conflicts(structure, result.estimates, options["prior"])
-    return add_findings(result, (*conflicts, *data.findings, *loops))
+    conflicts = prior_conflicts(model, result.estimates, options["prior"])
+    return add_findings(result, (*conflicts, *data.findings))
+
+
+def weighted_record(data: IOData, weights: ArrayLike | None) -> tuple[IOData, Array | None]:
+    """Return the record without the outputs of weight zero, and the checked weights (N,)."""
+    if weights is None:
+        return data, None
+    checked = checked_weights(data, weights)
+    is_left_out = checked[:, None] == 0
+    return data.with_outputs(np.where(is_left_out, np.nan, data.outputs)), checked
+
+
+def _fit_outliers(
+    data: IOData,
+    model: Model,
+    setting: Setting,
+    start_sets: Sequence[Mapping[str, float]],
+    check: bool,
+    options: dict[str, Any],
+) -> tuple[Fit, IOData, dict[str, Any]]:
+    """Fit under a setting, with outliers moved where the noise is slow.
+
+    Parameters
+    ----------
+    data, model, setting, start_sets, check
+        As in :func:`fit_setting`.
+    options
+        Its further options.
+
+    Returns
+    -------
+    result
+        The fit.
+    data
+        The record that was fitted.
+    options
+        The options of that fit.
+
+    Notes
+    -----
+    A robust loss would treat the crests of slow noise as outliers. Where the residuals of white
+    noise are coloured, the outliers are moved and the loss is linear.
+    """
+    if options["loss"] == "linear" or setting.noise == "white":
+        return fit_setting(data, model, setting, start_sets, check=check, **options), data, options
+    white = setting.with_white_noise
+    result = fit_setting(data, model, white, start_sets, check=check, **options)
+    is_walk = setting.baseline == "walk"
+    if is_walk or has_coloured_residuals(result):
+        data = without_spikes(data, result)
+        options = {**options, "loss": "linear"}
+    return fit_setting(data, model, setting, start_sets, **options), data, options
 
 
 def fit_setting(
@@ -284,7 +372,8 @@ def fit_setting(
             where=where,
             expected="the linear loss, no random walk, and no ARX model",
         )
-    if model.arx and setting.has_disturbance:
+    has_disturbance = setting.noise != "white" or setting.baseline != "none"
+    if model.arx and has_disturbance:
         raise InputError(
             f"{model.name} has the noise of its own poles",
             remedy="leave noise and baseline out",
@@ -306,6 +395,8 @@ def fit_setting(
     noise = NoiseModel()
     if model.arx:
         noise = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
+    elif setting.likely is not None:
+        return _fit_likely(data, problem, optimum, setting.likely, covariance)
     elif setting.noise == "slow" and not is_walk:
         return _fit_average(data, problem, optimum, setting.baseline == "auto", covariance)
     elif setting.noise != "white" or is_walk:
@@ -405,11 +496,8 @@ def _fit_average(
     weights = optimum.weights
     if has_waves:
         ratio = float(np.ptp(problem.measured_output)) / problem.noise_sd
-        problem = replace(problem, wave_sd=max(np.sqrt(ratio), 1.0))
-        no_waves = np.append(optimum.theta, np.zeros(problem.size - len(optimum.theta)))
-        optimum = search(problem, start=[no_waves, *distinct_starts(problem, starts(problem))])
-        if weights is not None:
-            optimum = _fit_weighted(problem, optimum, weights)
+        problem, optimum = _with_waves(problem, optimum, max(np.sqrt(ratio), 1.0))
+        optimum = replace(optimum, weights=weights)
     average = average_over_noise(problem, optimum)
     problem, best, noise, cov_x, parts = average.point_estimate(weights)
     result = make_fit(data, problem, best, noise, "linear", covariance, cov_x, weights, parts)
@@ -417,6 +505,70 @@ def _fit_average(
     if has_waves:
         statistics["wave"] = wave_range(problem, best.theta)
     return replace(result, identified=replace(result.identified, statistics=statistics))
+
+
+def _with_waves(
+    problem: IdentificationProblem,
+    optimum: Optimum,
+    wave_sd: float,
+    noise: NoiseModel | None = None,
+) -> tuple[IdentificationProblem, Optimum]:
+    """Add slow waves to a problem, and search it from its optimum and its starting values.
+
+    Parameters
+    ----------
+    problem, optimum
+        The problem without waves, and its optimum with white noise.
+    wave_sd
+        Prior standard deviation of the first wave over that of the noise.
+    noise
+        Noise of the search; none for white noise.
+
+    Returns
+    -------
+    problem, optimum
+        The problem with waves, and its optimum, whose rows include the roots of robust weights.
+    """
+    problem = replace(problem, wave_sd=wave_sd)
+    no_waves = np.append(optimum.theta, np.zeros(problem.size - len(optimum.theta)))
+    core = problem.least_squares_problem(noise, sqrt_weights(optimum.weights))
+    start_sets = [no_waves, *distinct_starts(problem, starts(problem))]
+    return problem, search(problem, core, start_sets)
+
+
+def _fit_likely(
+    data: IOData,
+    problem: IdentificationProblem,
+    optimum: Optimum,
+    likely: LikelyNoise,
+    covariance: Covariance,
+) -> Fit:
+    """Fit under one disturbance, for the comparison of structures.
+
+    Parameters
+    ----------
+    data
+        The record.
+    problem, optimum
+        The identification problem and its optimum with white noise.
+    likely
+        The disturbance.
+    covariance
+        As in :func:`fit`.
+
+    Returns
+    -------
+    Fit
+        The fit.
+    """
+    weights = optimum.weights
+    if likely.wave_sd:
+        problem, optimum = _with_waves(problem, optimum, likely.wave_sd, likely.noise)
+    else:
+        core = problem.least_squares_problem(likely.noise, sqrt_weights(weights))
+        optimum = search(problem, core, optimum.theta)
+    problem = replace(problem, noise_sd=residual_sd(optimum, problem))
+    return make_fit(data, problem, optimum, likely.noise, "linear", covariance, weights=weights)
 
 
 def wave_range(problem: IdentificationProblem, x: Array) -> float:
@@ -509,11 +661,16 @@ def make_fit(
     effective_weights = weights if optimum.weights is None else optimum.weights
     result = Fit(identified, problem, optimum, residual, cov_x, noise, loss, effective_weights)
     validation = validate(result)
-    count = problem.size + 1 + noise.n_parameters
+    # slow waves have a prior: their cost counts instead of their number
+    waves = x[problem.wave_slice]
+    wave_cost = float(np.sum(waves**2 * problem.prior_precision[problem.wave_slice]))
+    count = problem.size - len(waves) + 1 + noise.n_parameters
     # with a random walk, one sample after each gap determines its level
     n_levels = len(problem.residual_slices) - 1 if noise.is_random_walk else 0
     dof = max(n - n_levels, 1)
-    deviance = n * np.log(max(sse, 1e-300) / dof) + noise.log_determinant(problem.residual_slices)
+    deviance = n * np.log(max(sse + wave_cost, 1e-300) / dof) + noise.log_determinant(
+        problem.residual_slices
+    )
     statistics = {
         "n": float(n),
         "parameters": float(count - 1),

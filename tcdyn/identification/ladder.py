@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from tcdyn.core.errors import InputError
-from tcdyn.identification.fitting import fit
+from tcdyn.identification.fitting import fit_under
 from tcdyn.identification.heldout import (
-    SCORING_OPTIONS,
     Progress,
     held_out_statistics,
     split_held_out,
@@ -30,7 +29,7 @@ from tcdyn.identification.iodata import IOData
 from tcdyn.identification.models import NO_MODEL, Model, as_model, as_template, several
 from tcdyn.identification.recommendation import TIE_BIC
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import Setting, bic, select_setting
+from tcdyn.identification.setting import Setting, bic, with_likely_start
 from tcdyn.identification.starting_values import single_input_problem, starts
 from tcdyn.identification.validation import has_clean_residuals
 
@@ -43,6 +42,8 @@ MAX_LAGS = 3  # of a process model
 # Thresholds, chosen by judgement.
 MAX_SWEEPS = 6  # rounds over the inputs
 N_STARTS = 2  # starting values of a changed branch of several inputs
+N_REFERENCES = 2  # structures with which the common disturbance is estimated
+MAX_COMMON_ROUNDS = 2  # of the common disturbance and the structures under it
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,17 @@ class Ladder:
         """Return the ladder with white noise and no baseline."""
         return replace(self, options={"noise": "white", "baseline": "none", **self.options})
 
+    @property
+    def setting(self) -> Setting:
+        """The setting of the final fits."""
+        return Setting.of(self.options)
+
+    @property
+    def fit_options(self) -> dict[str, Any]:
+        """Options of a fit under a setting, without those that belong to the setting or result."""
+        others = ("initial", "noise", "baseline", "intervals", "check")
+        return {name: value for name, value in self.options.items() if name not in others}
+
     def checked_fit(
         self, model: Model, setting: Setting, start: Sequence[Mapping[str, float]] = ()
     ) -> Fit:
@@ -109,8 +121,9 @@ class Ladder:
             Where the model cannot be fitted.
         """
         check = self.options.get("check", True) and not start
-        options = {**self.options, **setting.options, **SCORING_OPTIONS, "check": check}
-        return fit(self.data, model, **options, start=start or None)
+        if model.arx:
+            setting = Setting(setting.initial, "white", "none")
+        return fit_under(self.data, model, setting, start, check=check, **self.fit_options)
 
     def fit_model(
         self, model: Model, setting: Setting, start: Sequence[Mapping[str, float]] = ()
@@ -122,15 +135,15 @@ class Ladder:
         except InputError:
             return None
 
-    def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
+    def held_out_error(self, result: Fit, setting: Setting) -> tuple[float, float, float]:
         """Return the held-out statistics of a model, fitted to the training data if there are any.
 
         Parameters
         ----------
         result
             Fit to all of the data; its model is fitted again.
-        options
-            Further options of :func:`tcdyn.identification.fit`.
+        setting
+            The setting of that fit.
 
         Returns
         -------
@@ -140,16 +153,13 @@ class Ladder:
         """
         train, test, from_s = split_held_out(self.data, self.held_out)
         if train is not None:
-            all_options = {**options, **self.options, **SCORING_OPTIONS}
+            start = [result.identified.theta]
+            trained = replace(self, data=train, options={**self.options, "check": False})
             try:
-                result = fit(train, result.problem.model, **all_options)
+                result = trained.checked_fit(result.problem.model, setting, start)
             except InputError:
                 return np.nan, np.nan, np.nan
         return held_out_statistics(result, test, from_s)
-
-    def select_setting(self, fits: Sequence[Fit], setting: Setting) -> tuple[Setting, Fit]:
-        """Return :func:`tcdyn.identification.setting.select_setting` for fits under a setting."""
-        return select_setting(fits, setting, self.options, self.fit_model)
 
     def model(self, names: Sequence[str]) -> Model:
         """Return the model with these structures behind the inputs."""
@@ -281,18 +291,62 @@ def select_one_input(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     InputError
         Where no structure can be fitted.
     """
-    first = Setting.first(ladder.options)
+    target = ladder.setting
+    first = target.with_white_noise if target.is_averaged else target
     fits = {"P1D": ladder.checked_fit(ladder.model(["P1D"]), first)}
     fits |= fit_structures(ladder, (*FIRST_STRUCTURES[1:], NO_MODEL), first)
-    setting, _ = ladder.select_setting(list(fits.values()), first)
-    if setting != first:
-        fits = fit_structures(ladder, (*FIRST_STRUCTURES, NO_MODEL), setting)
-    fits = climb(ladder, fits, setting)
-    best = best_fit(list(fits.values()))
-    if not has_clean_residuals(best) or best.findings:
-        further = fit_structures(ladder, FURTHER_STRUCTURES, setting)
-        fits = climb(ladder, fits | further, setting)
+    references = sorted(fits.values(), key=bic)[:N_REFERENCES]
+    setting = common_setting(ladder, references, target)
+    for _ in range(MAX_COMMON_ROUNDS):
+        names = fits.keys()
+        fits = fit_structures(ladder, names, setting)
+        fits = climb(ladder, fits, setting)
+        best = best_fit(list(fits.values()))
+        if not has_clean_residuals(best) or best.findings:
+            new = [name for name in FURTHER_STRUCTURES if name not in fits]
+            fits = climb(ladder, fits | fit_structures(ladder, new, setting), setting)
+            best = best_fit(list(fits.values()))
+        is_reference = any(best.problem.model.name == f.problem.model.name for f in references)
+        if is_reference or not target.is_averaged:
+            break
+        # the disturbance that is likely with a poor model contains dynamics that it lacks
+        references = [best]
+        setting = common_setting(ladder, references, target)
     return fits, setting
+
+
+def common_setting(ladder: Ladder, references: Sequence[Fit], target: Setting) -> Setting:
+    """Return the initial state and the disturbance under which structures are compared.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    references
+        Fits of the best structures so far, under white noise where ``target`` is averaged over
+        noise, else under ``target``.
+    target
+        The setting of the final fits.
+
+    Returns
+    -------
+    Setting
+        That of the reference whose BIC at its own likeliest disturbance is least.
+    """
+    finals = []
+    for reference in references:
+        result: Fit | None = reference
+        if target.is_averaged:
+            start = [reference.identified.theta]
+            result = ladder.fit_model(reference.problem.model, target, start)
+        if result is not None:
+            finals.append(with_likely_start(result, target, ladder.options, ladder.fit_model))
+    if not finals:
+        return target.with_white_noise
+    best = min(finals, key=bic)
+    if target.is_averaged:
+        return target.at_likeliest_noise(best)
+    return replace(target, initial=best.problem.initial)
 
 
 def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
@@ -317,24 +371,23 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     others unchanged, until a round over the inputs changes nothing.
     """
     n_inputs = len(ladder.data.input_names)
-    names = ["P1D"] * n_inputs
-    setting = Setting.first(ladder.options)
-    first = ladder.checked_fit(ladder.model(names), setting)
-    second = ladder.fit_model(ladder.model(["P2D"] * n_inputs), setting)
+    target = ladder.setting
+    white = target.with_white_noise if target.is_averaged else target
+    first = ladder.checked_fit(ladder.model(["P1D"] * n_inputs), white)
+    second = ladder.fit_model(ladder.model(["P2D"] * n_inputs), white)
     references = [first] if second is None else [first, second]
-    first_setting = setting
-    setting, best = ladder.select_setting(references, setting)
-    if len(best.problem.model.names) > len(first.problem.model.names):
-        names = ["P2D"] * n_inputs
-    fits = {best.problem.model.name: best}
+    setting = common_setting(ladder, references, target)
+    fits = {}
     for reference in references:
         model = reference.problem.model
-        if model.name in fits:
-            continue
-        is_same_setting = setting == first_setting
-        simple = reference if is_same_setting else ladder.fit_model(model, setting)
-        if simple is not None:
-            fits[model.name] = simple
+        result = ladder.fit_model(model, setting)
+        if result is not None:
+            fits[model.name] = result
+    if not fits:
+        fits = {first.problem.model.name: first}
+        setting = white
+    best = best_fit(list(fits.values()))
+    names = [submodel.name for submodel in best.problem.model.submodels]
     for _ in range(MAX_SWEEPS):
         before = list(names)
         for k in range(n_inputs):

@@ -18,7 +18,6 @@ from tcdyn.identification.holds import check_hold
 from tcdyn.identification.iodata import IOData, Run
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import setting_of
 
 # Rows that are searched at most: 20 to 40 fits of 10^4 rows take 3 CPU s with white noise and 15
 # with coloured noise (tests/benchmarks/large_records.py).
@@ -229,7 +228,4 @@ def fit_all_rows(ladder: Ladder, best: Fit, record: SearchRecord) -> Fit:
         **ladder.options,
         **SCORING_OPTIONS,
     }
-    if setting_of(best).baseline == "walk":
-        # other baselines are averaged over
-        options.setdefault("baseline", "walk")
     return fit(ladder.data, model, **options, start=best.identified.theta)

@@ -15,7 +15,7 @@ from tcdyn.identification.holds import Hold, check_hold, is_setpoint
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.recommendation import DECISIVE_BIC
 from tcdyn.identification.search import Fit
-from tcdyn.identification.setting import bic, setting_of
+from tcdyn.identification.setting import bic
 from tcdyn.identification.validation import is_undriven
 
 # Half a sample over the standard uncertainty of the dead time, below which a wrong hold does not
@@ -100,7 +100,12 @@ def gain_of_hold(ladder: Ladder, result: Fit, holds: tuple[Hold, ...]) -> float:
         return 0.0
     data = replace(ladder.data, hold=check_hold(holds, len(holds), "hold"))
     start = [result.identified.theta]
-    other = replace(ladder, data=data).fit_model(model, setting_of(result), start)
-    if other is None or not is_undriven(other):
+    initial = result.problem.initial
+    setting = replace(ladder.setting, initial=initial)
+    if setting.is_averaged:
+        setting = setting.at_likeliest_noise(result)
+    same = ladder.fit_model(model, setting, start)
+    other = replace(ladder, data=data).fit_model(model, setting, start)
+    if same is None or other is None or not is_undriven(other):
         return 0.0
-    return bic(result) - bic(other)
+    return bic(same) - bic(other)

@@ -9,6 +9,7 @@ choice.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -74,9 +75,8 @@ def best_common_pole_fit(
             block_ratio = block_held_out_rms(candidate) / current_blocks
             if block_ratio > MAX_ERROR_RATIO:
                 continue
-            start = candidate.identified.theta
-            initial = candidate.problem.initial
-            error = ladder.held_out_error(candidate, initial=initial, start=start)
+            setting = replace(ladder.setting, initial=candidate.problem.initial)
+            error = ladder.held_out_error(candidate, setting)
             ratio = error[0] / held_out_rms
             if not ratio <= MAX_ERROR_RATIO:  # NaN: the training data are too short
                 continue

@@ -16,8 +16,8 @@ from identify_cases import CASE_A, case_a_input
 from scipy.signal import lfilter
 
 from tcdyn.identification import IOData, fit, process
+from tcdyn.identification.comparison import baseline_of
 from tcdyn.identification.models import Model
-from tcdyn.identification.setting import setting_of
 from tcdyn.rig.disk import Conditioning
 
 DT_S = 0.05
@@ -98,7 +98,7 @@ def study(
         covered = result.estimates["Kp"].contains(1.0), lag.contains(true_lag)
         rows.append((*covered, s["p_white"] < 0.01, s["p_input"] < 0.01, lag.value, lag.u))
         noise = result.noise
-        kinds["slow" if noise.averaged else (*noise.order, setting_of(result).baseline)] += 1
+        kinds["slow" if noise.averaged else (*noise.order, baseline_of(result))] += 1
     table = np.array(rows, dtype=float)
     share = dict(zip(("Kp", "lag", "white", "input"), table[:, :4].mean(axis=0).round(3).tolist()))
     errors = {

@@ -25,7 +25,6 @@ from tcdyn.identification.disturbance import linearise
 from tcdyn.identification.models import process
 from tcdyn.identification.search import make_problem
 from tcdyn.identification.segments import input_noise_sd
-from tcdyn.identification.setting import setting_of
 
 
 def coverage_limit(runs: int, coverage: float) -> float:
@@ -182,7 +181,7 @@ def test_compare_models_the_disturbance_and_reports_it():
     assert "averaged over what may disturb the output" in comparison.advice
     assert comparison.best.noise.averaged
     assert comparison.best.identified.statistics["p_walk"] > 0.2
-    refit = fit(data, "P2D", **setting_of(comparison.best).options, check=False)
+    refit = fit(data, "P2D", initial=comparison.best.problem.initial, check=False)
     assert refit.identified.lag_s.value == pytest.approx(
         comparison.best.identified.lag_s.value, rel=1e-3
     )
