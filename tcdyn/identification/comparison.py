@@ -51,7 +51,6 @@ from tcdyn.identification.models import Model, as_model, process, several
 from tcdyn.identification.options import RecordOptions
 from tcdyn.identification.other_hold import check_holds
 from tcdyn.identification.recommendation import (
-    HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
     chain_advice,
     comparison_table,
@@ -301,14 +300,14 @@ def compare(
 
     Notes
     -----
-    All models of the table share one setting: the initial state, the noise and the baseline, which
-    :func:`tcdyn.identification.setting.select_setting` selects, as far as ``options`` do not give
-    them. Where the residuals of the recommended model are clearly coloured or follow the input, or
-    it reproduces little, the models with white noise replace them if they simulate the held-out
-    data better, and transfer functions with common poles if they simulate data left out of the fit
-    better. The latter are tried with several inputs in any case but that of a random walk. The
-    recommended model, and those about as likely, are fitted once more, with the average over slow
-    noise (:func:`tcdyn.identification.setting.average_noise`). For the recommendation see
+    All models of the table share one setting: the initial state, and the disturbance that is
+    likeliest with the best of the first models, as far as ``options`` do not give them
+    (:func:`tcdyn.identification.ladder.common_setting`). Where the residuals of the recommended
+    model are clearly coloured or follow the input, or it reproduces little, transfer functions with
+    common poles and white noise replace it if they simulate data left out of the fit better. They
+    are tried with several inputs in any case but that of a random walk. The recommended model, and
+    those about as likely, are fitted once more, with the average over slow noise
+    (:mod:`tcdyn.estimation.noise_average`). For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
@@ -444,16 +443,12 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
         Table, fits and recommendation.
     """
 
-    def fit_models(ladder: Ladder) -> tuple[Mapping[str, Fit | InputError], Setting]:
-        """Return the fits of the given models, or of the ladder, and their setting."""
-        return fit_given(ladder, given_models) if given_models else select_structures(ladder)
-
-    fits, setting = fit_models(ladder)
+    fits: Mapping[str, Fit | InputError]
+    if given_models:
+        fits, setting = fit_given(ladder, given_models)
+    else:
+        fits, setting = select_structures(ladder)
     result = score(ladder, fits, setting)
-    is_white = setting.noise == "white" and setting.baseline == "none"
-    if not is_white and is_doubtful(result.best):
-        fits, setting = fit_models(ladder.with_white_noise())
-        result = prefer_held_out(result, score(ladder, fits, setting))
     if given_models:
         return replace(result, are_given=True)
     has_several_inputs = len(ladder.data.input_names) > 1
@@ -722,17 +717,6 @@ def has_two_levels(result: Fit) -> bool:
 def is_doubtful(result: Fit) -> bool:
     """Whether other kinds of model are to be tried: clear residual dynamics, or a poor fit."""
     return not is_adequate(result) or explains_little(result)
-
-
-def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
-    """Return the other comparison where its model simulates the held-out data better.
-
-    Their disturbances differ, so the errors on left-out blocks cannot be compared: that of a random
-    walk contains the walk.
-    """
-    error = result.best_row["held_out_rms"]
-    other_error = other.best_row["held_out_rms"]
-    return other if other_error < HELD_OUT_GAIN_RATIO * error else result
 
 
 def add_common_pole_model(ladder: Ladder, result: Comparison, limit: float = 1.0) -> Comparison:

@@ -384,7 +384,13 @@ def fit_setting(
         singles = single_input_problems(problem)
         for single in singles:
             check_causality(single, where, has_other_inputs=len(singles) > 1)
-    problem, optimum = _fit_white(problem, start_sets)
+    likely = setting.likely
+    if likely is not None and loss == "linear" and weights is None:
+        problem = replace(problem, wave_sd=likely.wave_sd)
+        problem, optimum = _fit_given_noise(problem, start_sets, likely.noise)
+        problem = replace(problem, noise_sd=residual_sd(optimum, problem))
+        return make_fit(data, problem, optimum, likely.noise, loss, covariance)
+    problem, optimum = _fit_given_noise(problem, start_sets)
     if weights is not None:
         optimum = _fit_weighted(problem, optimum, measured_rows(problem, data, weights))
     elif loss != "linear":
@@ -395,8 +401,8 @@ def fit_setting(
     noise = NoiseModel()
     if model.arx:
         noise = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
-    elif setting.likely is not None:
-        return _fit_likely(data, problem, optimum, setting.likely, covariance)
+    elif likely is not None:
+        return _fit_robust(data, problem, optimum, likely, covariance)
     elif setting.noise == "slow" and not is_walk:
         return _fit_average(data, problem, optimum, setting.baseline == "auto", covariance)
     elif setting.noise != "white" or is_walk:
@@ -407,10 +413,12 @@ def fit_setting(
     return make_fit(data, problem, optimum, noise, loss, covariance, weights=row_weights)
 
 
-def _fit_white(
-    problem: IdentificationProblem, start_sets: Sequence[Mapping[str, float]]
+def _fit_given_noise(
+    problem: IdentificationProblem,
+    start_sets: Sequence[Mapping[str, float]],
+    noise: NoiseModel | None = None,
 ) -> tuple[IdentificationProblem, Optimum]:
-    """Fit with white noise: the output-error estimate.
+    """Fit with white noise, which is the output-error estimate, or with another given noise.
 
     Parameters
     ----------
@@ -418,6 +426,8 @@ def _fit_white(
         The identification problem.
     start_sets
         Parameters by name to start from; none for the starting values of the package.
+    noise
+        The noise; none for white noise.
 
     Returns
     -------
@@ -428,17 +438,19 @@ def _fit_white(
     """
     zeros = dict.fromkeys(problem.model.names, 0.0)
     given = [solve_linear_parameters(problem, {**zeros, **s})[1] for s in start_sets]
-    optimum = search(problem, start=given)
+    optimum = search(problem, problem.least_squares_problem(noise), given)
     if any(problem.has_free_state):
         # initial states are searched best in the time scale of the model; linear parameters anew
         time_scale_s = first_moment(problem, optimum.theta)
         problem = replace(problem, time_scale_s=time_scale_s)
         x = solve_linear_parameters(problem, problem.theta(optimum.theta))[1]
-        optimum = search(problem, start=x)
-    if problem.prior_precision.any():
+        optimum = search(problem, problem.least_squares_problem(noise), x)
+    prior_of_levels = problem.prior_precision.copy()
+    prior_of_levels[problem.wave_slice] = 0.0
+    if prior_of_levels.any():
         # the weight of an input's first sample needs the output's noise
         problem = replace(problem, noise_sd=residual_sd(optimum, problem))
-        optimum = search(problem, start=optimum.theta)
+        optimum = search(problem, problem.least_squares_problem(noise), optimum.theta)
     return problem, optimum
 
 
@@ -536,21 +548,21 @@ def _with_waves(
     return problem, search(problem, core, start_sets)
 
 
-def _fit_likely(
+def _fit_robust(
     data: IOData,
     problem: IdentificationProblem,
     optimum: Optimum,
     likely: LikelyNoise,
     covariance: Covariance,
 ) -> Fit:
-    """Fit under one disturbance, for the comparison of structures.
+    """Fit under one disturbance with the robust weights of white noise.
 
     Parameters
     ----------
     data
         The record.
     problem, optimum
-        The identification problem and its optimum with white noise.
+        The identification problem and its robust optimum with white noise.
     likely
         The disturbance.
     covariance

@@ -298,8 +298,7 @@ def select_one_input(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     references = sorted(fits.values(), key=bic)[:N_REFERENCES]
     setting = common_setting(ladder, references, target)
     for _ in range(MAX_COMMON_ROUNDS):
-        names = fits.keys()
-        fits = fit_structures(ladder, names, setting)
+        fits = fit_structures(ladder, list(fits), setting)
         fits = climb(ladder, fits, setting)
         best = best_fit(list(fits.values()))
         if not has_clean_residuals(best) or best.findings:
