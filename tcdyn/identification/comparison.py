@@ -51,6 +51,7 @@ from tcdyn.identification.models import Model, as_model, process, several
 from tcdyn.identification.options import RecordOptions
 from tcdyn.identification.other_hold import check_holds
 from tcdyn.identification.recommendation import (
+    DECISIVE_BIC,
     TABLE_LEGEND,
     chain_advice,
     comparison_table,
@@ -621,10 +622,10 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     """
     fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
     ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
-    overdamped = overdamped_models(fitted)
+    left_out = [*overdamped_models(fitted), *needless_half_orders(fitted)]
     rows = {name: _table_row(name, fitted[name]) for name in ranked}
     unscored = pd.DataFrame(list(rows.values()))
-    best_by_bic = recommend(unscored, overdamped)[0]
+    best_by_bic = recommend(unscored, left_out)[0]
     n_inputs = len(ladder.data.input_names)
     simple = [" + ".join([name] * n_inputs) for name in ALWAYS_HELD_OUT]
     scored = {*ranked[:N_HELD_OUT], *simple, best_by_bic}
@@ -639,7 +640,7 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     table = pd.DataFrame([rows[name] for name in fits]).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    recommended, reason = recommend(table, overdamped)
+    recommended, reason = recommend(table, left_out)
     return Comparison(table, fitted, recommended, reason)
 
 
@@ -706,6 +707,30 @@ def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
             if two_lags is not None and (result.findings or not two_lags.findings):
                 names.append(name)
     return names
+
+
+def needless_half_orders(fits: Mapping[str, Fit]) -> list[str]:
+    """Models with a half-order element whose BIC is not decisively below that of lags.
+
+    Its lag is infinite, and it takes part of the dead time; where lags describe a record about as
+    well, they are the simpler explanation.
+
+    Parameters
+    ----------
+    fits
+        Fits by the name of the model.
+
+    Returns
+    -------
+    list of str
+        Names of those models.
+    """
+    half_orders = [name for name in fits if "H" in name]
+    lumped = [bic(result) for name, result in fits.items() if "H" not in name]
+    if not lumped:
+        return []
+    limit = min(lumped) - DECISIVE_BIC
+    return [name for name in half_orders if bic(fits[name]) > limit]
 
 
 def has_two_levels(result: Fit) -> bool:

@@ -28,6 +28,8 @@ from tcdyn.rig.disk import Conditioning
 DECISIVE_BIC = 10.0  # difference of BIC that no other criterion outweighs
 TIE_BIC = 2.0  # difference of BIC that is a tie
 HELD_OUT_GAIN_RATIO = 0.97  # held-out error over that of the best BIC, below which it decides
+# The same for a model that the data do not determine, over one that they do.
+UNDETERMINED_GAIN_RATIO = 0.8
 # Fit percent below which coloured residuals are more than a disturbance.
 MIN_FIT_PERCENT = 50.0
 # Fit percent, of the record and of its held-out part, from which a model is provisional, and not
@@ -113,7 +115,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     not determine, or whose residuals follow the input, are considered only where no other is within
     ``DECISIVE_BIC``. BIC holds where the residuals are white and do not follow the input. Where
     they are not, a model whose :func:`validation_error` is smaller by more than
-    ``HELD_OUT_GAIN_RATIO`` replaces it.
+    ``HELD_OUT_GAIN_RATIO`` replaces it; one that the data do not determine replaces one that they
+    do where its error is below ``UNDETERMINED_GAIN_RATIO`` of the other.
 
     ``tests/identify/test_identify_advice.py`` has a table for each rule.
     """
@@ -136,16 +139,19 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     is_clean = best["p_white"] >= ALARM_P and best["p_input"] >= ALARM_P
     errors = validation_error(fitted)
     if not is_clean and errors.notna().any():
-        rival = fitted.loc[errors.index[int(errors.argmin())]]
-        if errors.min() < HELD_OUT_GAIN_RATIO * errors[best.name]:
+        is_handicapped = bool(best["determined"]) & ~fitted["determined"].astype(bool)
+        limits = np.where(is_handicapped, UNDETERMINED_GAIN_RATIO, HELD_OUT_GAIN_RATIO)
+        relative = errors / (limits * errors[best.name])
+        if relative.min() < 1:
             other = best
-            best = rival
+            best = fitted.loc[relative.idxmin()]
             by = "held out"
     is_better = table["BIC"] < best["BIC"]
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < TIE_BIC) & (pool["model"] != best["model"])]
     undetermined = fitted[~fitted["determined"].astype(bool) & is_better[fitted.index]]
     missing = fitted[follows_input & is_better[fitted.index] & fitted["determined"].astype(bool)]
-    pairs = table[out & (table["BIC"] < best["BIC"] + TIE_BIC)]
+    near_and_out = table[out & (table["BIC"] < best["BIC"] + TIE_BIC)]
+    has_half_order = near_and_out["model"].str.contains("H", regex=False)
     why = info(
         "models.why",
         subject=str(best["model"]),
@@ -159,7 +165,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         ties=list(ties["model"]) if by == "BIC" else [],
         undetermined=list(undetermined["model"]),
         missing=list(missing["model"]),
-        pairs=list(pairs["model"]),
+        pairs=list(near_and_out["model"][~has_half_order]),
+        half_orders=list(near_and_out["model"][has_half_order]),
     )
     return why.subject, why
 

@@ -198,6 +198,14 @@ def test_held_out_error_decides_only_where_the_residuals_contradict_the_lowest_b
     assert recommend(table.assign(block_rms=[0.1, 0.3]))[0] == "P1D"
 
 
+def test_model_that_is_not_determined_replaces_one_that_is_only_by_a_fifth_of_the_error() -> None:
+    coloured = {"p_white": 1e-4}
+    determined = row("P1D", 0.0, **coloured)
+    for error, expected in ((0.07, "P1D"), (0.03, "P3")):
+        rival = row("P3", 30.0, held_out_rms=error, **coloured) | {"determined": False}
+        assert recommend(pd.DataFrame([determined, rival]))[0] == expected
+
+
 def test_input_test_passed_for_lack_of_power_does_not_overrule_a_decisive_bic() -> None:
     """A model that explains decisively less has larger residuals, in which the test cannot detect
     the input."""

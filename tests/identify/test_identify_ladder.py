@@ -14,7 +14,11 @@ from scipy.signal import lfilter
 
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identification import IOData, compare, fit
-from tcdyn.identification.comparison import average_gain_and_lag, overdamped_models
+from tcdyn.identification.comparison import (
+    average_gain_and_lag,
+    needless_half_orders,
+    overdamped_models,
+)
 from tcdyn.identification.ladder import (
     Ladder,
     best_fit,
@@ -252,6 +256,13 @@ def test_real_pair_of_poles_behind_any_input_is_left_out_where_two_lags_fit() ->
         "P2": fake(0.0, findings=("undetermined",)),
     }
     assert overdamped_models(fits) == ["P1D + P2U"]
+
+
+def test_half_order_element_is_left_out_where_lags_are_about_as_likely() -> None:
+    lags = fake_fit(-100.0, 6)
+    assert needless_half_orders({"P2D": lags, "P1DH": fake_fit(-105.0, 6)}) == ["P1DH"]
+    assert needless_half_orders({"P2D": lags, "P1DH": fake_fit(-130.0, 6)}) == []
+    assert needless_half_orders({"P1DH": fake_fit(-105.0, 6)}) == []
 
 
 def test_models_of_a_comparison_share_their_start_and_the_summary_gives_the_average() -> None:

@@ -42,6 +42,7 @@ def _p_value(p: float) -> str:
 # why models were rejected: the number of the finding that lists them, text for one and for several
 _UNDETERMINED = "not determined by these data"
 _NO_PAIR = "left out, because the pair of poles does not oscillate and is two lags"
+_NO_HALF_ORDER = "left out, because lags describe the record about as well as a half-order element"
 # Reasons for which models were rejected: field of the finding, and predicate for one and for
 # several.
 REJECTED = (
@@ -56,6 +57,7 @@ REJECTED = (
         "would score better but miss dynamics",
     ),
     ("pairs", f"is {_NO_PAIR}", f"are {_NO_PAIR}"),
+    ("half_orders", f"is {_NO_HALF_ORDER}", f"are {_NO_HALF_ORDER}"),
 )
 
 
