@@ -123,6 +123,7 @@ def imported(path: Path) -> Iterator[tuple[str, str]]:
             yield from ((node.module, alias.name) for alias in node.names)
 
 
+@pytest.mark.e2e
 def test_no_import_cycle_between_files() -> None:
     try:
         TopologicalSorter(imports()).prepare()

@@ -55,7 +55,7 @@ RUNS = {
     "compensate a rig log": Run(
         f"compensate {{ehl_B3}} --rig {{rig}} {RECORDS} --out {{out}}", "out.csv", True
     ),
-    "beta": Run(f"rig beta {{ehl_B3}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json", True),
+    "beta": Run(f"rig beta {{ehl_B3}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json"),
     "beta at the heaviest load": Run(
         f"rig beta {{ehl_D4}} --rig {{rig}} {RECORDS} --out {{out}}", "beta.json"
     ),

@@ -218,6 +218,7 @@ def test_a_wrong_fluid_and_another_disk_s_plunge_are_named_as_such(campaign: Cam
     assert any("plunge of another disk" in w for w in told)
 
 
+@pytest.mark.e2e
 def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(
     campaign: Campaign, tmp_path: Path
 ) -> None:

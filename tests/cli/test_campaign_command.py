@@ -76,6 +76,7 @@ def done(
     return out, code
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(
     done: tuple[Path, int],
@@ -91,6 +92,7 @@ def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(
     assert not (out / "EHL_bad.beta.json").exists()
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_row_says_what_beta_json_says(done: tuple[Path, int], campaign: Campaign) -> None:
     out, _ = done
@@ -106,6 +108,7 @@ def test_the_row_says_what_beta_json_says(done: tuple[Path, int], campaign: Camp
     )  # never beyond, issue 6
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_point(
     done: tuple[Path, int],
@@ -116,6 +119,7 @@ def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_po
     assert "β of each test, all estimates" in html
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_campaign_of_simulated_logs_says_so_on_its_page_and_on_the_terminal(
     done: tuple[Path, int], campaign: Campaign, capsys: pytest.CaptureFixture[str]
@@ -141,6 +145,7 @@ def test_a_campaign_of_simulated_logs_says_so_on_its_page_and_on_the_terminal(
     assert STAMP not in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_single_simulated_test_says_so_on_its_page_and_on_the_terminal(
     beta_run: BetaRun, tmp_path: Path
@@ -151,6 +156,7 @@ def test_a_single_simulated_test_says_so_on_its_page_and_on_the_terminal(
     assert "EHL_B3.csv is simulated" in page.read_text(encoding="utf-8").replace("\u00a0", " ")
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_finished_logs_are_not_analysed_again(
     done: tuple[Path, int], campaign: Campaign, monkeypatch: pytest.MonkeyPatch
@@ -168,6 +174,7 @@ def test_finished_logs_are_not_analysed_again(
         assert run_again([log], campaign, done[0], **changed).failed  # it was asked for again
 
 
+@pytest.mark.e2e
 def test_an_altered_answer_is_not_kept(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -183,6 +190,7 @@ def test_an_altered_answer_is_not_kept(
     assert [f.code for f in again.findings] == ["campaign.altered"]
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -239,6 +247,7 @@ def test_map_has_the_error_of_a_channel_as_it_is_in_the_log(
             assert reading - truth_degC == pytest.approx(error_K, abs=0.5), f"{disk}_{c}"
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_interchanged_channels_are_compared_by_the_maps_of_both_tests(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -336,6 +345,7 @@ def test_all_logs_bad_is_exit_2_and_still_a_table(
     assert kept == {"of an earlier run"}
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_bad_requests_get_one_sentence(
     campaign: Campaign,
@@ -390,6 +400,7 @@ def test_bearing_friction_outside_its_test_is_flagged(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "said"),
     [

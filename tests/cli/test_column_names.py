@@ -92,6 +92,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
 def test_a_command_takes_names_without_units(
     words: str, folder: Path, monkeypatch: pytest.MonkeyPatch
@@ -152,6 +153,7 @@ def test_columns_of_a_rig_file_have_no_unit_either() -> None:
         find_column("fast_b_degC", mapping, names)
 
 
+@pytest.mark.e2e
 def test_results_are_read_without_units(folder: Path) -> None:
     log = table()
     fit = package.identify(log, "P1", input="Heizung", output="TE6")

@@ -246,6 +246,7 @@ def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
         assert ours < before / 4  # the lag of the record is known to 6 %: at best a sixteenth
 
 
+@pytest.mark.e2e
 def test_a_disk_without_record_stays_as_logged_and_is_named(campaign: Campaign) -> None:
     done = compensate_log(
         campaign.files.ehl["B3"], {"slow": campaign.records["slow"]}, campaign.rig

@@ -49,6 +49,7 @@ def rows_of(path: Path) -> FileResult:
     return FileResult({"rows": text.count("\n") - 1})
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_function_that_fails_for_one_file_does_not_stop_the_others(logs, workers):
     seen = []
@@ -127,6 +128,7 @@ def test_two_files_with_one_output_are_refused_before_the_work(logs, tmp_path):
         compensate_each([], [probe()])
 
 
+@pytest.mark.e2e
 def test_a_table_of_lags(tmp_path):
     paths = []
     for k, lag_s in enumerate((3.0, 5.0)):

@@ -92,6 +92,7 @@ def checked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, FileKi
     return kinds
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("name", "option"), _outputs())
 def test_every_output_refuses_an_ending_of_another_kind_before_any_work(
     name: str, option: str, checked: dict[str, FileKind], capsys: pytest.CaptureFixture[str]

@@ -70,6 +70,7 @@ def test_input_that_is_refused_writes_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.e2e
 def test_the_process_of_the_command_ends_with_70(tmp_path: Path) -> None:
     code = (
         "import sys\n"

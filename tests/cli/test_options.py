@@ -230,6 +230,7 @@ def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
+@pytest.mark.e2e
 def test_exit_codes_are_those_that_help_tells(tmp_path: Path, campaign: Campaign) -> None:
     told = call("--help").stdout
     for code in ("0 done", "1 no result", "2 bad input", "130 stopped"):
@@ -254,6 +255,7 @@ def test_no_colour_where_nobody_sees_it(campaign: Campaign) -> None:
         assert "\x1b" not in said.stdout + said.stderr
 
 
+@pytest.mark.e2e
 def test_an_error_is_one_line_on_standard_error() -> None:
     said = call("rig", "check", "absent.toml")
     assert (said.returncode, said.stdout) == (2, "")
@@ -261,6 +263,7 @@ def test_an_error_is_one_line_on_standard_error() -> None:
     assert said.stderr.startswith("tcdyn: absent.toml: no such file")
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("line", "offered"),
     [("tcdyn rig cal", "calibrate"), ("tcdyn rig calibrate --imm", "--immersion")],
@@ -404,6 +407,7 @@ def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     assert said.count("e: stuck or saturated") == 1
 
 
+@pytest.mark.e2e
 def test_a_wildcard_behind_a_repeatable_option_is_refused() -> None:
     done = call(
         "rig", "calibrate", "--disk", "fast", "--oven", "o.csv", "--immersion", "P1.csv", "P2.csv"

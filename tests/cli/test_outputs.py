@@ -119,6 +119,7 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
         assert (done.stdout + done.stderr).endswith(f"{said}\n" if said else "")
 
 
+@pytest.mark.e2e
 def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Path) -> None:
     code = (
         "import sys; from tcdyn.cli.app import main; sys.argv = ['tcdyn', '--version']\n"

@@ -146,6 +146,7 @@ def test_ctrl_c_while_libraries_are_imported_prints_nothing(
     assert seen == [signal.SIG_DFL, signal.SIG_IGN]
 
 
+@pytest.mark.e2e
 @ON_LINUX
 def test_ctrl_c_where_python_cannot_raise_it_ends_the_command_with_one_line() -> None:
     """Here in a destructor; Python would print "Exception ignored in" and go on."""
@@ -171,6 +172,7 @@ app.main()
     assert (done.returncode, done.stdout, done.stderr) == (130, "", STOPPED)
 
 
+@pytest.mark.e2e
 def test_python_m_is_the_command() -> None:
     words = [sys.executable, "-m", "tcdyn", "--version"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)

@@ -124,6 +124,7 @@ def test_demo_comparison_matches_the_files(
             )
 
 
+@pytest.mark.e2e
 def test_every_result_has_a_summary_json_and_html(results: dict[str, Any]) -> None:
     assert len(results) >= 14
     for name, result in results.items():

@@ -29,6 +29,7 @@ def rate_and_u(result: Fit) -> tuple[float, float]:
     return 1e-6 * found.numbers["rate_ppm"], 1e-6 * found.numbers["u_ppm"]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("rate", "model"), [(3e-4, "P1D"), (1e-4, "P1D"), (-3e-4, "P2D")])
 def test_the_rate_of_two_clocks_is_found_within_its_uncertainty(rate: float, model: str) -> None:
     noise = noise_of("white", N, 0.2, 1)

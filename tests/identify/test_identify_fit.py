@@ -110,6 +110,7 @@ def from_rest(seed: int, n: int = 400) -> IOData:
     return IOData.from_arrays(u, 20 + y + 0.05 * rng.normal(size=n), 0.5, hold="zoh")
 
 
+@pytest.mark.e2e
 def test_a_record_that_begins_when_the_heater_is_switched_has_its_dead_time():
     covered = []
     for seed in range(20):

@@ -116,6 +116,7 @@ KINDS = [
 ]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", KINDS)
 def test_repeated_values_are_left_out(kind: str) -> None:
     data = from_frame(record(kind, 1), input="u_degC", output="T_degC")
@@ -144,6 +145,7 @@ def test_the_intervals_hold_the_lag() -> None:
     assert sum(coverage(kind, 8)[0] for kind in KINDS) >= 48
 
 
+@pytest.mark.e2e
 def test_a_comparison_finds_the_model_of_a_slow_output() -> None:
     data = from_frame(record("fluid, every 5 rows", 5), input="u_degC", output="T_degC")
     result = compare(data, ["P1", "P1D", "P2D"])
@@ -194,6 +196,7 @@ def test_noise_that_starts_at_rest_is_stationary_after_a_gap() -> None:
     assert noise.log_determinant(slices) == pytest.approx(-np.log(0.36))
 
 
+@pytest.mark.e2e
 def test_the_command_reports_a_slow_column(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

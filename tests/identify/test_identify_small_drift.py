@@ -18,6 +18,7 @@ RUNS = 16
 LEAST = int(stats.binom.ppf(0.005, RUNS, 0.95))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("drift", ["line 1 %", "warming up 1 %", "wave of 0.7 periods, 6 %"])
 def test_drifts_and_slow_waves_are_in_the_intervals(drift: str) -> None:
     """With a test of whiteness that decides on a disturbance, 8 of 16 were covered."""
@@ -59,6 +60,7 @@ def test_intervals_of_averaged_noise_are_profiled_where_they_are_poor() -> None:
     assert quadratic.high95 - quadratic.value == pytest.approx(quadratic.value - quadratic.low95)
 
 
+@pytest.mark.e2e
 def test_a_coarse_logger_widens_the_intervals_of_averaged_noise() -> None:
     """Readings in steps of 4 K, 40 times the noise: equal readings share their rounding error."""
     data = record(0, "none")
@@ -72,6 +74,7 @@ def test_a_coarse_logger_widens_the_intervals_of_averaged_noise() -> None:
     assert u[20.0] > 1.2 * u[1e-6]
 
 
+@pytest.mark.e2e
 def test_a_drift_of_two_percent_of_the_swing_is_in_the_interval_of_the_gain() -> None:
     path = FIELD_FILES / "82.csv"
     if not path.exists():

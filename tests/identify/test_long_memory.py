@@ -52,6 +52,7 @@ def flexible_arm(n: int, seed: int) -> tuple[Array, Array]:
     return u + 0.05 * np.std(u) * rng.normal(size=n), y
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", ["P2DH", "P3D"])
 def test_input_noise_behind_a_flexible_arm_is_averaged_over(name: str) -> None:
     """Poles of the half-order element are much faster than a sample: the outer coefficients of the
@@ -105,6 +106,7 @@ def test_a_double_integrator_under_heavy_noise_is_fitted_without_an_overflow() -
     assert result.identified.summary()
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", ["double walk", "two slow lags", "exact sine"])
 def test_noise_of_long_memory_is_fitted(kind: str) -> None:
     rng = np.random.default_rng(5)
@@ -130,6 +132,7 @@ def heated() -> IOData:
     return IOData.from_arrays(u, y, 0.05, hold="zoh")
 
 
+@pytest.mark.e2e
 def test_given_models_are_compared_printed_and_drawn() -> None:
     data = heated()
     fits = [fit(data, name).identified for name in ("P1D", "P2")]

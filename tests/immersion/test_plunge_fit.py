@@ -86,6 +86,7 @@ def test_chains_agree_with_the_lag_estimates() -> None:
     assert fit.converged
 
 
+@pytest.mark.e2e
 def test_correlations_give_equal_common_lags_if_their_scale_is_free() -> None:
     form = fitted().model_form
     assert set(form.common_lag_s) == {"churchill-chu-laminar", "mcadams", "similarity"}

@@ -18,6 +18,7 @@ def test_the_corpus_holds_at_least_sixty_files():
     assert len({d.name for d in CORPUS}) == len(CORPUS)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("damage", CORPUS, ids=[d.name for d in CORPUS])
 def test_a_damaged_file_is_refused_or_flagged_in_one_sentence(tmp_path, damage):
     path = damage.build(tmp_path)

@@ -204,6 +204,7 @@ def test_seconds_of_stamps_are_those_of_the_calendar() -> None:
 # 59: a finer column of time beside stamps that repeat
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", ["device_ms", "elapsed", "millis"])
 def test_a_finer_column_of_time_is_named(tmp_path: Path, name: str) -> None:
     rng = np.random.default_rng(1)

@@ -197,6 +197,7 @@ def test_rounded_time_stamps_are_even_sampling(tmp_path):
     assert log.warnings == ()
 
 
+@pytest.mark.e2e
 def test_stamps_of_two_decimals_are_even_where_a_sample_is_lost_too(tmp_path):
     """75 Hz written as 0.01, 0.03, 0.04 s: steps of 10 and 20 ms, which is no jitter."""
     frame = immersion_frame()

@@ -154,6 +154,7 @@ def test_words_of_a_parquet_file_are_the_same(tmp_path: Path) -> None:
     assert [f.code for f in columns.findings] == ["text.error_word"]
 
 
+@pytest.mark.e2e
 def test_few_readings_are_refused_and_no_text_and_no_other_notation_is_accepted() -> None:
     # `python -m tests.io.word_study 400 1` prints the shares in its documentation
     refused, accepted = rates(20, 5)

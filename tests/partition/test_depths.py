@@ -63,6 +63,7 @@ def test_disk_that_still_warms_up_has_no_findings() -> None:
         assert np.abs(test.pull).max() < 3.0
 
 
+@pytest.mark.e2e
 def test_change_of_h_does_not_change_the_depth_pulls(
     b3: EhlTest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -56,6 +56,7 @@ def complete(study: StudyRig) -> CombinedFit:
     return joint_fit_of(study.test)
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_beta_of_the_joint_fit_is_correct_without_any_one_channel(
@@ -80,6 +81,7 @@ def excluded_analysis(request: pytest.FixtureRequest, study: StudyRig) -> tuple[
     return request.param[-1], analyse(study.without(request.param))
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_every_estimator_is_correct_without_one_channel(
     excluded_analysis: tuple[str, Partition], study: StudyRig
@@ -93,6 +95,7 @@ def test_every_estimator_is_correct_without_one_channel(
         assert abs(lag.value - study.truth.disk(disk).common_lag_s) < 3 * lag.u
 
 
+@pytest.mark.long
 def test_sensor_check_skips_the_excluded_channel_and_has_no_suspects(
     excluded_analysis: tuple[str, Partition],
 ) -> None:
@@ -111,6 +114,7 @@ def test_sensor_check_skips_the_excluded_channel_and_has_no_suspects(
     assert [key for key, text in deeper.items() if text == LEFT_OUT_TEXT] == [("slow", channel)]
 
 
+@pytest.mark.long
 def test_excluded_channel_has_no_compensated_trace_and_a_finding(
     excluded_analysis: tuple[str, Partition],
 ) -> None:
@@ -133,6 +137,7 @@ def test_excluded_channel_has_no_compensated_trace_and_a_finding(
     ]
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("channel", ["c", "f"])
 def test_readings_of_an_excluded_channel_have_no_influence(channel: str, study: StudyRig) -> None:
@@ -153,6 +158,7 @@ def test_readings_of_an_excluded_channel_have_no_influence(channel: str, study: 
     np.testing.assert_array_equal(tests[0].static_u_K, tests[1].static_u_K)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_error_of_a_surrogate_channel_counts_in_both_locations(study: StudyRig) -> None:
     """f reads 0.5 K high and d is excluded: the line moves by the linear shift of the budget within
@@ -240,6 +246,7 @@ def excluded_findings(findings: Any) -> list[Finding]:
     return [f for f in findings if f.code == "channel.left_out"]
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("kind", DAMAGE)
 def test_unusable_channel_is_excluded_with_a_warning(
@@ -344,6 +351,7 @@ def test_gap_at_unloading_gives_a_warning_and_a_finding_in_the_file(
     assert abs(beta["value"] - campaign.truth["tests"]["B3"]["beta"]) < 3 * beta["u"]
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_without_option_excludes_channels_on_the_command_line(
     campaign: Campaign, capsys: pytest.CaptureFixture[str]

@@ -100,6 +100,7 @@ def checked_powers(
     return powers_W, analyse.check_sensors_or_power(test).sound
 
 
+@pytest.mark.e2e
 def test_power_in_a_wrong_unit_is_scaled_before_channels_are_suspected(
     b3: EhlTest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

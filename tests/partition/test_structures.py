@@ -61,6 +61,7 @@ def analysis_in_world(name: str) -> tuple[StudyRig, Partition]:
     return study, study.analyse()
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_intact_test_prefers_the_assumed_model_form(baseline: tuple[StudyRig, Partition]) -> None:
     study, p = baseline
@@ -75,6 +76,7 @@ def test_intact_test_prefers_the_assumed_model_form(baseline: tuple[StudyRig, Pa
     assert len(forms.forms) == 1 + len(MODEL_FORMS) + 12
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_prior_is_half_for_the_assumed_form_and_the_rest_shared(
     baseline: tuple[StudyRig, Partition],
@@ -91,6 +93,7 @@ def test_prior_is_half_for_the_assumed_form_and_the_rest_shared(
     assert np.asarray(forms.probability) == pytest.approx(shares, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(
     ("world", "model_form"),
@@ -110,6 +113,7 @@ def test_true_model_form_is_identified(world: str, model_form: str) -> None:
     assert "structures.other" in [f.code for f in p.findings]
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_stem_conduction_is_within_its_uncertainty() -> None:
     _, p = analysis_in_world("stem 3 %")
@@ -138,6 +142,7 @@ def test_range_follows_a_model_form_that_changes_beta() -> None:
     assert "Do NOT trust" in p.crosscheck.sentence
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_alternative_that_leaves_the_range_of_the_model_explains_nothing(
     baseline: tuple[StudyRig, Partition],
@@ -158,6 +163,7 @@ def test_alternative_that_leaves_the_range_of_the_model_explains_nothing(
     assert refit.log_odds == -first.volume
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_one_linear_step_matches_the_fit_with_one_more_parameter(
     baseline: tuple[StudyRig, Partition],
@@ -186,6 +192,7 @@ def test_one_linear_step_matches_the_fit_with_one_more_parameter(
     assert linear_step.size[0].value == pytest.approx(fit.value(name), abs=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_constant_h_change_effect_matches_the_slope_by_h(
     baseline: tuple[StudyRig, Partition],
@@ -207,6 +214,7 @@ def test_constant_h_change_effect_matches_the_slope_by_h(
         assert not disk_at_fit.perturbation_effect(Perturbation()).any()
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_lag_and_flux_shift_effects_match_finite_changes(
     baseline: tuple[StudyRig, Partition],
@@ -276,6 +284,7 @@ def test_friction_in_pounds_is_identified_and_impossible_numbers_are_withheld() 
     assert not any(f.code == "sensors.suspect" and f.severity is Severity.ERROR for f in p.findings)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_recommended_estimate_comes_first_in_summary_tables_and_files(
     baseline: tuple[StudyRig, Partition],
@@ -292,6 +301,7 @@ def test_recommended_estimate_comes_first_in_summary_tables_and_files(
     assert set(ESTIMATORS) & p.impossible == set()
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_plot_shows_every_model_form_and_the_range(baseline: tuple[StudyRig, Partition]) -> None:
     _, p = baseline
@@ -301,6 +311,7 @@ def test_plot_shows_every_model_form_and_the_range(baseline: tuple[StudyRig, Par
     assert "β" in ax.get_xlabel()
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_steady_line_points_have_95_percent_error_bars(
     baseline: tuple[StudyRig, Partition],
@@ -318,6 +329,7 @@ def test_steady_line_points_have_95_percent_error_bars(
             )
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_comparison_of_model_forms_is_deterministic(baseline: tuple[StudyRig, Partition]) -> None:
     study, p = baseline  # no angular harmonic: the fitted test is the prepared one

@@ -141,6 +141,7 @@ def weak_friction() -> Partition:
     return study.analyse(sensor_check=False)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_friction_of_1_N_leaves_the_speed_law_undetermined_and_the_joint_fit_reported() -> None:
     """The speed law was 0.67 +- 0.88 and was said to agree."""
@@ -180,6 +181,7 @@ def _with_wave(frame: pd.DataFrame) -> pd.DataFrame:
     return changed
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_slow_waves_of_the_readings_leave_the_joint_fit_undetermined_and_the_speed_law_known() -> (
     None
@@ -215,6 +217,7 @@ def _is_told(text: str) -> bool:
     return "0.76" in text or "6800000" in text or "6.8e" in text
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_an_undetermined_beta_is_no_result_in_python_file_and_page(
     undetermined: BetaRun, tmp_path: Path
@@ -240,6 +243,7 @@ def test_an_undetermined_beta_is_no_result_in_python_file_and_page(
     assert "0.76 ± 0.60" not in page.replace("\u00a0", " ")
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_an_undetermined_beta_ends_with_1_also_in_a_campaign(
     undetermined: BetaRun,

@@ -77,6 +77,7 @@ def test_second_harmonic_relative_to_the_first_is_that_of_simulated_disks() -> N
     assert rms == pytest.approx(SECOND_HARMONIC_REL, rel=0.4)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_harmonic_at_junctions_matches_the_simulated_disk() -> None:
     """Amplitude at the depth of b times shape and cosine, against the first harmonic of the
@@ -195,6 +196,7 @@ def test_amplitude_and_angle_are_recovered_within_their_interval(
     assert set(written["angle_deg"]) == {"value", "u", "low95", "high95"}
 
 
+@pytest.mark.long
 def test_strongly_uneven_disks_bias_no_beta_and_have_no_suspects(
     uneven_disks: tuple[StudyRig, Partition],
 ) -> None:
@@ -209,6 +211,7 @@ def test_strongly_uneven_disks_bias_no_beta_and_have_no_suspects(
     assert p.crosscheck.agree, p.crosscheck.sentence
 
 
+@pytest.mark.long
 def test_fitted_harmonic_is_subtracted_from_the_readings(
     uneven_disks: tuple[StudyRig, Partition],
 ) -> None:
@@ -247,6 +250,7 @@ def test_even_disks_have_no_harmonic_and_nearly_the_same_u(
     assert p.combined.estimates["beta"].u < 1.05 * both.estimates["beta"].u
 
 
+@pytest.mark.long
 def test_second_harmonic_of_an_uneven_disk_widens_the_speed_law(
     uneven_disks: tuple[StudyRig, Partition],
 ) -> None:
@@ -254,6 +258,7 @@ def test_second_harmonic_of_an_uneven_disk_widens_the_speed_law(
     assert rows["second harmonic round the bore"] > 0.001
 
 
+@pytest.mark.long
 def test_figure_titles_give_amplitude_and_angle_or_even(
     even_disks: tuple[StudyRig, Partition], uneven_disks: tuple[StudyRig, Partition]
 ) -> None:

@@ -348,6 +348,7 @@ def test_lags_are_plotted_with_intervals_of_common_and_differential_lag():
         )
 
 
+@pytest.mark.e2e
 def test_certificate_is_one_page_with_a_result_for_each_thermocouple(tmp_path):
     oven = fit_static_lines(oven_frame())
     page = write_page(

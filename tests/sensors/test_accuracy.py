@@ -98,6 +98,7 @@ def test_components_add_up_and_have_their_classes() -> None:
     assert fine["T1_noise_u_K"].to_numpy() == pytest.approx(done["T1_noise_u_K"].to_numpy())
 
 
+@pytest.mark.e2e
 def test_an_error_within_the_accuracy_is_inside_the_interval() -> None:
     rng = np.random.default_rng(8)
     t = 0.5 * np.arange(300)

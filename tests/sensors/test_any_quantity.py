@@ -76,6 +76,7 @@ def coverage(done: pd.DataFrame, column: str, u: str, truth: Array) -> float:
     return float(np.mean(np.abs(done[column] - truth) < 1.96 * done[u]))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("unit", QUANTITIES)
 def test_a_quantity_is_compensated_in_its_unit_and_the_band_holds_the_truth(
     tmp_path: Path, unit: str
@@ -118,6 +119,7 @@ def test_columns_of_one_file_are_compensated_each_in_its_unit(tmp_path: Path) ->
     assert {f.subject for f in made.findings if f.code == "series.codes"} == {"T1 [°C]"}
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("names", "units"),
     [("CO2,RH", "s,ppm,%RH"), ("Druck,Spannung", "s,Pa,V"), ("p,U", "s,hPa,Volt")],
@@ -134,6 +136,7 @@ def test_a_row_of_units_states_any_unit(tmp_path: Path, names: str, units: str) 
     assert "sensor.unit_assumed" not in {f.code for f in made.findings}
 
 
+@pytest.mark.e2e
 def test_the_result_does_not_depend_on_the_prefix_of_the_unit() -> None:
     """Of volts and microvolts, and of pascals and bars, compensated and of a dip."""
     t, _, y = readings_in("V")
@@ -162,6 +165,7 @@ def test_the_lags_of_a_pair_do_not_depend_on_the_prefix_of_the_unit() -> None:
     np.testing.assert_allclose(lags, [lags[0]] * 3, rtol=1e-4)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("unit", QUANTITIES)
 def test_the_lag_of_a_sensor_of_any_quantity_is_measured_by_a_dip(
     tmp_path: Path, unit: str
@@ -179,6 +183,7 @@ def test_the_lag_of_a_sensor_of_any_quantity_is_measured_by_a_dip(
     assert read_sensor(sensor.write(tmp_path / "probe.sensor.json")).fit == sensor.fit
 
 
+@pytest.mark.e2e
 def test_several_dips_pairs_and_noise_of_another_quantity() -> None:
     dips = [
         pd.Series(y, pd.Index(t, name="time_s"), name="CO2_ppm")
@@ -218,6 +223,7 @@ def test_what_only_a_temperature_has_is_refused_for_another_quantity() -> None:
         tcdyn.compensate_frame(pd.DataFrame({"time_s": t, "U_V": y}), calibrated)
 
 
+@pytest.mark.e2e
 def test_a_hot_dip_gives_a_warning_about_radiation_only_in_degrees() -> None:
     t, y = dip("ppm")
     hot = 20 + (y - 400)
@@ -249,6 +255,7 @@ def test_drop_out_codes_of_another_quantity_are_missing(tmp_path: Path) -> None:
     assert coverage(written(made.path), "p_Pa", "p_u_Pa", truth) > 0.9
 
 
+@pytest.mark.e2e
 def test_millivolts_that_are_no_thermocouple_pass_as_a_voltage() -> None:
     t, truth, y = readings_in("Pa")
     frame = pd.DataFrame({"time_s": t, "U_mV": y})
@@ -307,6 +314,7 @@ def test_smooth_takes_the_unit_from_the_name_or_as_given() -> None:
     assert "noise_sd" in stated.card()
 
 
+@pytest.mark.e2e
 def test_commands_take_any_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time_s, reading = dip("ppm")
     step = write(tmp_path / "dip.csv", time_s=time_s, gas=reading)
@@ -368,6 +376,7 @@ def test_a_unit_of_a_column_that_is_missing_is_refused() -> None:
         tcdyn.compensate_frame(frame, (2.0, 0.1), unit={"T9": "K"})
 
 
+@pytest.mark.e2e
 def test_a_dip_in_kelvins_has_no_doubt_about_its_unit() -> None:
     t, y = dip("ppm")
     reading = 295.0 + 58 * (y - y[0]) / (y[-1] - y[0])

@@ -143,6 +143,7 @@ def test_the_correlation_of_a_law_is_part_of_the_uncertainty_of_its_factor() -> 
         FlowLaw(2.0, 0.5, correlation=1.2)
 
 
+@pytest.mark.e2e
 def test_one_dip_with_its_flow_has_the_law_of_the_prior() -> None:
     t, y, _ = plunged((1.4, 0.2), 0.1, 200, 0.1, 1)
     dip = sensor_from_dip((t, y), at="speed_m_s=3", entry_s=None)

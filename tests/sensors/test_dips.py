@@ -169,6 +169,7 @@ def test_a_result_is_printed_without_a_file(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.e2e
 def test_arrays_of_one_dip_that_are_given_twice_are_refused() -> None:
     t = 0.05 * np.arange(400)
     noise_K = 0.05 * np.random.default_rng(0).standard_normal(len(t))

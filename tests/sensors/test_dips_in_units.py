@@ -38,6 +38,7 @@ def write(folder: Path, seed: int, column: str, unit: str) -> Path:
     return path
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("column", "unit"),
     [("T1 (F)", "degF"), ("T1 [K]", "K"), ("T1 [mV]", "mV"), ("T1_degF", "degF")],
@@ -56,6 +57,7 @@ def test_dips_in_other_units_give_what_they_give_in_one(tmp_path, column, unit):
     assert read_sensor(tmp_path / "probe.sensor.json").columns == ["T1 (C)"]
 
 
+@pytest.mark.e2e
 def test_other_sensors_and_other_quantities_are_refused(tmp_path):
     first = write(tmp_path, 0, "T1 (C)", "degC")
     other = write(tmp_path, 1, "T2 (C)", "degC")

@@ -120,6 +120,7 @@ def test_a_film_that_is_more_than_the_largest_lag_is_refused() -> None:
         specified_sensor("p", ["T"], [(5.0, 0.1), (4.0, 0.1)], law=FlowLaw(2.0, 0.5))
 
 
+@pytest.mark.e2e
 def test_live_compensation_follows_the_flow(log: Path, sensor: Path, tmp_path: Path) -> None:
     out, live = tmp_path / "delayed.csv", tmp_path / "live.csv"
     more = ("--sensor", sensor, "--follows", "speed_m_s=v", "--delay-s", "20")
@@ -231,6 +232,7 @@ def test_a_flow_of_zero_needs_a_least_flow(log: Path) -> None:
         tcdyn.compensate_frame(still, probe)
 
 
+@pytest.mark.e2e
 def test_a_flow_that_is_missing_for_long_is_said(log: Path, sensor: Path, tmp_path: Path) -> None:
     table = pd.read_csv(log)
     table["v"] = table["v"].where((table["time_s"] < 100) | (table["time_s"] > 220))

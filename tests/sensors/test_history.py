@@ -236,6 +236,7 @@ def test_the_picture_has_bars_and_a_line_for_each_group() -> None:
     assert axes.get_ylabel() == "lag of T1 [s]"
 
 
+@pytest.mark.e2e
 def test_few_false_alarms_and_intervals_that_hold() -> None:
     """120 steady histories: of a rate of 5 %, more than 14 alarms have a probability of 0.2 %."""
     steady = judge(Kind("steady", 8, irregular=True), 120, 11)

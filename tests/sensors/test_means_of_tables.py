@@ -74,6 +74,7 @@ def test_auto_takes_the_resolution_that_is_printed(
     assert "99 means over 30 s" in capsys.readouterr().out
 
 
+@pytest.mark.e2e
 def test_parts_of_a_long_log_give_the_same_means() -> None:
     """In segments of at least some thousand rows each mean stands once, and none is left out."""
     frame = table(30_000).drop(columns="note")
@@ -123,6 +124,7 @@ def test_means_with_a_delay_or_a_record_are_refused(
     assert not out.exists()
 
 
+@pytest.mark.e2e
 def test_rows_that_are_not_determined_name_the_time_that_is() -> None:
     rng = np.random.default_rng(9)
     rows = 2500
@@ -143,6 +145,7 @@ def test_rows_that_are_not_determined_name_the_time_that_is() -> None:
     assert held[done["T_degC"].notna()].mean() > 0.9
 
 
+@pytest.mark.e2e
 def test_many_logs_state_the_time_of_their_means(tmp_path: Path) -> None:
     for k in range(2):
         table(400 + k).drop(columns="note").to_csv(tmp_path / f"log{k}.csv", index=False)

@@ -39,6 +39,7 @@ def dips(folder: Path) -> dict[str, Any]:
     }
 
 
+@pytest.mark.e2e
 def test_every_form_of_a_dip_gives_the_same_lag_which_is_the_true_one(tmp_path: Path) -> None:
     options = {"entry_s": (ENTRY_S, 0.01), "unit": "degC"}
     sensors = {
@@ -94,6 +95,7 @@ def repeated(values: np.ndarray, period: int) -> np.ndarray:
     return values[np.arange(len(values)) // period * period]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("entry_s", [None, (ENTRY_S, 0.02)])
 def test_a_dip_of_a_column_with_repeated_values_has_the_true_lag(
     entry_s: tuple[float, float] | None,
@@ -109,6 +111,7 @@ def test_a_dip_of_a_column_with_repeated_values_has_the_true_lag(
     assert "series.repeats" in {f.code for f in sensor.findings}
 
 
+@pytest.mark.e2e
 def test_the_noise_of_a_column_with_repeated_values_is_that_of_its_new_values() -> None:
     rng = np.random.default_rng(3)
     keep = np.exp(-0.01)

@@ -211,6 +211,7 @@ def dip() -> tuple[Array, Array]:
     return t, Chain([1.2, 0.2]).response(bath, 0.02, hold="zoh") + noise
 
 
+@pytest.mark.e2e
 def test_a_dip_in_water_gives_lag_and_times_in_air() -> None:
     probe = tcdyn.sensor_from_dip(
         dip(), medium="water", diameter_mm=3, speed_m_s=0.4, to_medium="air", to_speed_m_s="2+-0.1"
@@ -231,6 +232,7 @@ def test_a_dip_in_water_gives_lag_and_times_in_air() -> None:
     assert Estimate(**same["to_lag_s"]).value == pytest.approx(there.value, rel=0.02)  # type: ignore[arg-type]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -101,6 +101,7 @@ def test_the_step_is_the_first_of_several_and_ends_before_the_next(
     assert 0.05 * step.last == pytest.approx(changes[1][0], abs=0.6)
 
 
+@pytest.mark.e2e
 def test_a_sensor_that_is_taken_out_again_and_outliers_do_not_hide_the_step() -> None:
     t, y = baths(((4.02, 90.0), (16.3, 20.0)), 0.1)
     y[[30, 140]] += [400.0, -40.0]
@@ -111,6 +112,7 @@ def test_a_sensor_that_is_taken_out_again_and_outliers_do_not_hide_the_step() ->
     assert made.chain.channels["T1"].lag_s.value == pytest.approx(1.8, rel=0.12)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("splash_s", [0.1, 0.3])
 def test_a_splash_before_the_step_is_not_taken_for_it(splash_s: float) -> None:
     """The slope of the splash is that of the step; the sensor settles again in 8 s."""
@@ -126,6 +128,7 @@ def test_a_splash_before_the_step_is_not_taken_for_it(splash_s: float) -> None:
     assert codes & {"sensor.earlier_event", "sensor.misfit"}
 
 
+@pytest.mark.e2e
 def test_a_lag_that_changes_within_the_dip_is_that_at_its_end() -> None:
     """A bead whose surface h rises by 30 % with its temperature: the lag falls to 1.1 / 1.3 s.
 
@@ -147,6 +150,7 @@ def test_a_lag_that_changes_within_the_dip_is_that_at_its_end() -> None:
     assert lag.value == pytest.approx(1.1 / 1.3, rel=0.03)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("hum_K", [0.5, 2.0])
 def test_hum_of_the_mains_does_not_end_the_step(hum_K: float) -> None:
     """At 1 kHz the hum is much larger than the differences between rows."""
@@ -180,6 +184,7 @@ def test_noise_is_not_estimated_across_gaps() -> None:
     assert white_noise_K(every_tenth) == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.e2e
 def test_an_entry_may_be_on_the_unix_clock(tmp_path: Path) -> None:
     t, y, entry = plunged((1.5, 0.3), 0.05, 500, 0.1, 4)
     start_s = 1_764_000_000.0
@@ -275,6 +280,7 @@ def two_paths(share: float, slow_s: float, drift_K: float, seed: int, last_s: fl
     return np.array([t, 20 + 60 * response + drift_K * t / last_s + noise])
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("share", "slow_s", "drift_K"), [(0.05, 20.0, 0.0), (0.2, 8.0, 1.0)])
 def test_a_slow_second_heat_path_is_part_of_t90(
     share: float, slow_s: float, drift_K: float
@@ -310,6 +316,7 @@ def test_a_second_event_ends_the_record() -> None:
     assert abs(lag.value - 2.0) < 3 * lag.u < 0.2
 
 
+@pytest.mark.e2e
 def test_a_lag_as_short_as_the_medium_s_is_a_warning() -> None:
     t, y, _ = plunged((0.03,), 0.005, 400, 0.1, 1, medium_s=0.06)
     made = plunge_sensor(t, y, "T1")
@@ -522,6 +529,7 @@ def test_the_colour_of_residuals_is_told_in_any_unit(size_K: float) -> None:
     assert level / size_K == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.e2e
 def test_a_bare_wire_has_hardly_a_tail() -> None:
     """One lag, whose entry is not known: the prior of the tail decides how short it may be."""
     t, y, _ = plunged((0.5,), 0.02, 600, 0.05, 4, medium_s=0.02)

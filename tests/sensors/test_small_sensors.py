@@ -28,6 +28,7 @@ def off_in_u(sensor_s: tuple[float, float], medium_s: float, count: int) -> floa
     return float(abs(error_s) / np.median([lag.u for lag in lags]))
 
 
+@pytest.mark.e2e
 def test_a_short_lag_may_be_the_sensor_s_where_the_step_is_sharp() -> None:
     assert off_in_u((0.24, 0.038), 0.0, 3) < 2
 
@@ -59,6 +60,7 @@ def test_a_quiet_record_does_not_tell_whose_lag_it_is() -> None:
         assert lag.high95 > 0.278
 
 
+@pytest.mark.e2e
 def test_a_medium_without_a_lag_leaves_the_short_lag_to_the_sensor() -> None:
     t, y = small_sensor_record((0.24, 0.038), 0.0, np.random.default_rng(1))
     lag = plunge_sensor(t, y, "T", medium_s=(0.0, 0.0)).chain.channels["T"].lag_s

@@ -129,6 +129,7 @@ def dip(stage: str, values: dict[str, float], seed: int) -> tuple[Array, Array, 
     return t, 20 + 60 * response + noise_K, percent_times(fine, exact)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("change", [-0.5, 1.0])
 def test_a_dip_by_hand_gives_the_lag_of_the_settled_flow(change: float) -> None:
     values = {"tau1_s": 3.0, "film_change": change, "settling_s": 0.5}
@@ -144,6 +145,7 @@ def test_a_dip_by_hand_gives_the_lag_of_the_settled_flow(change: float) -> None:
     assert found.fit["film_ratio"] == pytest.approx(1 + change, rel=0.4)
 
 
+@pytest.mark.e2e
 def test_a_bath_that_falls_is_named_and_not_in_the_lag() -> None:
     values = {"tau1_s": 3.0, "bath_share": 0.06, "log_bath": 1.0}
     t, y, _ = dip("bath", values, 5)
@@ -169,6 +171,7 @@ def test_a_stem_that_conducts_is_named_with_its_share() -> None:
     assert "sensor.fin" in {f.code for f in found.findings}
 
 
+@pytest.mark.e2e
 def test_a_stopwatch_table_gives_a_lag(tmp_path: Path) -> None:
     seconds = np.array([0, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 120, 150])
     readings = np.round(21.5 + 64.4 * -np.expm1(-seconds / 16.8), 1)
@@ -191,6 +194,7 @@ def test_dips_as_people_make_them_are_covered(kind: str) -> None:
     assert np.abs(table[:, 1:4]).max() < 4
 
 
+@pytest.mark.e2e
 def test_the_mean_of_a_logger_is_not_part_of_the_lag() -> None:
     dt_s, mean_s = 0.5, 2.0
     t = dt_s * np.arange(200)
@@ -226,6 +230,7 @@ def test_the_spline_of_a_stem_is_that_of_many_times(monkeypatch: pytest.MonkeyPa
     assert errors.max() < 2e-4
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     "seconds",
     [

@@ -38,6 +38,7 @@ def pair_of_stamps(seed: int, stray: float, samples_stray: bool, lost: float) ->
     return columns
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     ("stray", "samples_stray", "lost"),

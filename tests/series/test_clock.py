@@ -147,6 +147,7 @@ def test_whole_second_stamps_of_a_slower_log_give_its_interval(
     assert np.abs(even.index - rows).max() <= 1  # a gap is known to one unit
 
 
+@pytest.mark.e2e
 def test_rows_lost_at_random_are_no_coarse_clock() -> None:
     for seed in range(50):
         rows = np.flatnonzero(np.random.default_rng(seed).random(400) > 0.1)
@@ -181,6 +182,7 @@ def test_odd_stamps_are_placed_in_bounded_time(kind: str) -> None:
     assert np.allclose(clock.even_s + clock.deviation_s, stamps_s)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("shortest_s", "longest_s", "tick_s"),
     [
@@ -205,6 +207,7 @@ def test_a_loop_a_little_slower_than_its_clock_loses_no_row(
     assert clock.interval_s == pytest.approx(mean_s, rel=2e-4)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("share", [0.005, 0.015, 0.05])
 def test_rows_lost_at_random_are_no_slow_loop(share: float) -> None:
     for seed in range(8):

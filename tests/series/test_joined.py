@@ -106,6 +106,7 @@ def test_each_file_has_its_own_dialect_units_and_order_of_columns(frame, tmp_pat
     assert [finding.code for finding in findings] == ["files.stamps"]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("dialect", ["standard", "input"])
 def test_the_joined_log_compensated_is_the_single_file_compensated(frame, tmp_path, dialect):
     probe = sensor_file("probe", {"T1_degC": Chain(5.0)}, "stated", np.array([[0.01]]), [0.0])
@@ -315,6 +316,7 @@ def test_rows_of_one_cell_are_selected_in_all_files(frame, tmp_path):
     assert {each.first_row for each in found.sources} == {0}
 
 
+@pytest.mark.e2e
 def test_a_page_and_a_lag_from_noise_of_several_files(tmp_path):
     rng = np.random.default_rng(1)
     n = 9000

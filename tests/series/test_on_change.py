@@ -100,6 +100,7 @@ def test_a_switch_that_is_written_in_every_row_is_no_report_on_change() -> None:
     assert find_dead_band(values, fit_clock(times(100))) is None
 
 
+@pytest.mark.e2e
 def test_ordinary_logs_are_not_taken_for_it_and_logs_on_change_are_recognised() -> None:
     """A small part of the study, with seeds of its own: 0.1 % and 93 % there."""
     alarms = [ordinary(np.random.default_rng([50, 0, k]))[1] for k in range(20)]

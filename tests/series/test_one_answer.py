@@ -345,6 +345,7 @@ def quick_estimators(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "pair_sensor", stated_instead_of_fitted)
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("quick_estimators")
 @pytest.mark.parametrize("file", quick_or_e2e())
 def test_each_command_reads_the_same_from_a_file(file: CorpusFile, tmp_path: Path) -> None:

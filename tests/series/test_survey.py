@@ -61,6 +61,7 @@ def test_parts_give_the_counts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> 
     assert parts.columns[0].readings == whole.columns[0].readings
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("row", [699, 700, 2100])
 def test_a_missing_time_at_the_edge_of_a_part_is_interpolated(
     monkeypatch: pytest.MonkeyPatch, row: int
@@ -71,6 +72,7 @@ def test_a_missing_time_at_the_edge_of_a_part_is_interpolated(
     assert surveyed(frame).rows == N
 
 
+@pytest.mark.e2e
 def test_a_missing_time_at_the_edge_of_a_segment_is_interpolated() -> None:
     time_s = np.arange(60_000.0)
     frame = pd.DataFrame({"time_s": time_s, "T_degC": 40 + 5 * np.sin(time_s / 600)})

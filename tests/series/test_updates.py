@@ -90,6 +90,7 @@ def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[n
     assert ("series.repeats" in {f.code for f in made.findings}) == is_repeated
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("gaps", [held, blank])
 def test_a_column_logged_more_slowly_is_compensated_from_its_new_values(gaps) -> None:  # type: ignore[no-untyped-def]
     """With the repeats taken as readings the rms error is 290 K; without an estimate of the noise,
@@ -107,6 +108,7 @@ def test_a_column_logged_more_slowly_is_compensated_from_its_new_values(gaps) ->
     assert np.mean(np.abs(error) < 1.96 * done["T_u_K"]) > 0.9
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("gaps", [held, blank])
 def test_a_slow_column_is_as_good_as_a_table_of_its_new_values(gaps) -> None:  # type: ignore[no-untyped-def]
     """Its valid samples were taken for spikes, by a window in rows and not in samples."""

@@ -100,6 +100,7 @@ def test_a_full_disk_leaves_nothing_of_a_campaign_or_of_a_log(
     assert [p for p in (tmp_path / "lab").rglob("*") if p.is_file()] == []
 
 
+@pytest.mark.e2e
 def test_file_depends_only_on_the_seed_and_its_own_name(tmp_path: Path) -> None:
     single_test = campaign(tmp_path / "a")
     with_more_tests = campaign(

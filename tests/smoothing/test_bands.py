@@ -49,6 +49,7 @@ def test_a_record_shows_whether_noise_drives_the_temperature() -> None:
     assert probabilities[1] > 0.6
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("period_s", [1.0, 0.7, 0.5])
 def test_a_wave_faster_than_the_lag_is_followed_or_in_the_band(period_s: float) -> None:
     """1 K behind a lag of 1 s in noise of 0.05 K: it was a constant with u of 3 mK, without a word.
@@ -80,6 +81,7 @@ def test_the_band_of_a_record_that_becomes_rough_is_narrow_before() -> None:
     assert np.mean(covered[quiet + 100 :]) > 0.9
 
 
+@pytest.mark.e2e
 def test_a_rough_time_across_the_middle_of_a_record_is_covered() -> None:
     """Both halves of the record are equally rough, so that they do not disagree."""
     dt_s, first, last = 0.1, 9_000, 11_000

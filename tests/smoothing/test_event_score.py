@@ -94,6 +94,7 @@ def test_the_evidence_is_the_difference_of_the_likelihoods(kind: Kind) -> None:
             assert found[c] == pytest.approx(value[1:] - value[0], abs=1e-5)
 
 
+@pytest.mark.e2e
 def test_a_pulse_is_two_jumps_and_their_times_lie_in_their_intervals() -> None:
     fine_s = DT_S / 20 * np.arange(20 * ROWS)
     z = []

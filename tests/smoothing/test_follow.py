@@ -186,6 +186,7 @@ def followed(
     return run, read(folder / "out.csv")
 
 
+@pytest.mark.e2e
 def test_lines_that_are_torn_blank_or_not_numbers_stay_local(tmp_path: Path) -> None:
     frame = table()
     _, whole = followed(tmp_path, frame.to_csv(index=False))

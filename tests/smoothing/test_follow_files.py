@@ -268,6 +268,7 @@ def test_names_with_commas_and_quotes_come_back_from_a_semicolon_log(tmp_path: P
     assert (done['the "old" one'] == 5).all()
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("character", ["\u0085", "\u20ac\u0145", "\x0b", "\x0c", "\x1c", "\u2028"])
 def test_a_character_that_only_python_takes_for_a_line_end_cuts_no_row(
     tmp_path: Path, character: str

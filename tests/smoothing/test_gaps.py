@@ -66,6 +66,7 @@ def sparse_readings(gaps: list[int], dense: int) -> Array:
 RISE = Change(70.5, level_sd=60.0, slope_sd=30.0)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("lags_s", [(20.0,), (20.0, 3.0)])
 @pytest.mark.parametrize("gaps", [[60], [120], [60] * 8, [10, 30, 90, 120, 40]])
 @pytest.mark.parametrize(
@@ -158,6 +159,7 @@ def verdict_of(index: int) -> Verdict:
     return judge(simulate(index, 4711))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("index", SOME_RECORDS)
 def test_no_u_collapses_and_the_band_of_a_sparse_record_holds(index: int) -> None:
     """Few independent errors in one record. Without rounding errors, the smallest u is that of a

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
@@ -61,6 +62,7 @@ def truth(count: int) -> Array:
     return np.asarray(80 + 5 * np.sin(W * np.arange(count) / RATE_HZ))
 
 
+@pytest.mark.e2e
 def test_the_order_of_channels_of_other_lags_changes_nothing() -> None:
     """Each group continues from a row of its own: that of its lag before the block."""
     waves = {name: wave(name, 900) for name in LAGS_S}
@@ -74,6 +76,7 @@ def test_the_order_of_channels_of_other_lags_changes_nothing() -> None:
         assert np.sqrt(np.mean(error**2)) < 1.5 * np.median(one[f"{name}_u_K"][settled])
 
 
+@pytest.mark.e2e
 def test_a_channel_that_is_silent_for_some_blocks_continues_from_its_own_row() -> None:
     y = wave("quick", 1600)
     y[500:1000] = np.nan

@@ -21,6 +21,7 @@ def test_a_jump_of_the_temperature_is_told_from_a_kink_and_its_time_is_found() -
     assert np.mean(np.abs(off) < 1.96 * done.sd[:, 0]) > 0.9
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("world", ["quiet", "wave", "wandering"])
 def test_smooth_motion_has_no_events(world: str) -> None:
     _, held, _, found, _ = judged(WORLDS[world], 3, seconds=30.0)
@@ -84,6 +85,7 @@ def test_both_edges_of_a_short_pulse_are_found() -> None:
     assert (error[edge] / ours.sd[edge, 0]).max() < 3.0
 
 
+@pytest.mark.e2e
 def test_band_of_a_slow_drift_includes_the_uncertainty_of_its_intensity() -> None:
     """A random walk by 0.03 K below noise of 0.05 K: few degrees of freedom determine it."""
     dt = 1 / 75
@@ -98,6 +100,7 @@ def test_band_of_a_slow_drift_includes_the_uncertainty_of_its_intensity() -> Non
     assert 0.88 < np.mean(coverage) < 0.99
 
 
+@pytest.mark.e2e
 def test_listed_edges_of_a_square_wave_are_jumps_without_noise_about_them() -> None:
     """Levels 10 K apart for one lag each; the first edge is after the first sample."""
     dt = 1 / 75

@@ -122,6 +122,7 @@ def logged(seed: int, mean_s: float, lag_s: float, dt_s: float = 0.5) -> tuple[A
     return time_s[at], temperature[at], rows + 0.02 * rng.standard_normal(len(at))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("mean_s", [0.3, 0.5, 1.5])
 def test_temperatures_behind_a_mean_are_found_with_an_honest_band(mean_s: float) -> None:
     """Without the mean the same rows are late by half of its time, and their bands wrong."""
@@ -137,6 +138,7 @@ def test_temperatures_behind_a_mean_are_found_with_an_honest_band(mean_s: float)
     assert np.mean(error) < 0.4 * np.mean(ignored)
 
 
+@pytest.mark.e2e
 def test_the_temperature_behind_means_of_uneven_rows_is_that_at_their_stamps() -> None:
     """Their readings are moved to even times; the temperature changes by 0.4 K in a deviation."""
     rng = np.random.default_rng(8)
@@ -160,6 +162,7 @@ def test_the_temperature_behind_means_of_uneven_rows_is_that_at_their_stamps() -
     assert np.mean(inside) > 0.9
 
 
+@pytest.mark.e2e
 def test_a_mean_over_other_times_is_refused_and_a_tiny_one_is_an_instant() -> None:
     _, _, rows = logged(0, 0.5, 0.8)
     nearly = smooth(rows, 0.5, Chain(0.8, mean_s=0.503))
@@ -209,6 +212,7 @@ def test_a_table_of_means_is_compensated_from_the_command_line_and_from_python(
         compensate_frame(table, Chain(0.8, mean_s=0.5))
 
 
+@pytest.mark.e2e
 def test_means_with_a_delay_continue_from_block_to_block(tmp_path: Path) -> None:
     """Followed while it grows, in two runs, a table of means has the rows of a single run."""
     time_s, truth, rows = logged(2, 0.5, 0.8)

@@ -248,6 +248,7 @@ def test_two_bursts_close_together_are_two_and_not_one_between_them(gap_s: float
     assert np.count_nonzero(found & (np.abs(added) < 0.01)) < 25  # the gap at most
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("length", [3, 8, 15, 30])
 def test_a_burst_beside_the_unloading_leaves_the_answer_alone(length: int) -> None:
     t, truth, clean = logged(True, 40.0)

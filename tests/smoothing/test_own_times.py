@@ -34,6 +34,7 @@ def uneven(seed: int, count: int = 400) -> tuple[Array, Array, Array]:
     return due_s, late_s, reading(due_s + late_s) + rng.normal(0, NOISE_K, count)
 
 
+@pytest.mark.e2e
 def test_temperatures_are_those_at_the_times_of_the_readings() -> None:
     inside = slice(20, -20)
     squares, ignored_squares = [], []

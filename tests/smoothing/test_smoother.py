@@ -61,6 +61,7 @@ def dense_smoother(y, dt, chain, noise_sd, q):
     return x_of @ (cov @ (y_of.T @ y) / noise_sd**2), np.sqrt(np.diag(x_of @ cov @ x_of.T))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     "chain",
     [
@@ -327,6 +328,7 @@ def test_spikes_and_stuck_samples_are_flagged_and_not_smeared():
     assert np.mean(np.abs(ours.temperature[:, 0] - x) < 3 * ours.sd[:, 0]) > 0.97
 
 
+@pytest.mark.e2e
 def test_samples_missing_about_a_known_event_widen_the_band_and_the_band_holds():
     """0.45 s of nothing at the unloading, and 1 % lost elsewhere."""
     dt, event, lost = 1 / 75, 10.0, slice(733, 767)
@@ -442,6 +444,7 @@ def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
     )
 
 
+@pytest.mark.e2e
 def test_heavy_tailed_noise_costs_less_when_it_is_told():
     """Student's t with two degrees of freedom: reweighting must beat least squares on the same
     records."""
