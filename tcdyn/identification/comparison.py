@@ -306,7 +306,7 @@ def compare(
     (:func:`tcdyn.identification.ladder.common_setting`). Where the residuals of the recommended
     model are clearly coloured or follow the input, or it reproduces little, transfer functions with
     common poles and white noise replace it if they simulate data left out of the fit better. They
-    are tried with several inputs in any case but that of a random walk. The recommended model, and
+    are tried with several inputs in any case but that of noise with a memory beyond the record. The recommended model, and
     those about as likely, are fitted once more, with the average over slow noise
     (:mod:`tcdyn.estimation.noise_average`). For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
@@ -455,8 +455,8 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
     has_several_inputs = len(ladder.data.input_names) > 1
     if is_doubtful(result.best):
         result = add_common_pole_model(ladder, result)
-    elif has_several_inputs and not result.best.noise.is_random_walk:
-        # the errors on left-out blocks of a random walk contain the walk
+    elif has_several_inputs and result.best.noise.time_constant < ladder.data.n_samples:
+        # the errors on left-out blocks of a record with a random walk contain the walk
         result = add_common_pole_model(ladder, result, MAX_RATIO_TO_ACCEPTED)
     return result
 

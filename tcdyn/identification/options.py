@@ -86,10 +86,10 @@ class IdentifyOptions(FilterOptions, RecordOptions):
         input, which is estimated), zero or estimated (default: equilibrium, or what explains the
         start better)
     noise
-        noise of the output: white, slow (first-order, averaged over), ar, arma; auto: chosen from
-        the data
+        noise of the output: white, ar, arma, or slow (auto): averaged over white and slow noise
     baseline
-        baseline of the output: none, trend (a linear drift), walk (a random walk) or auto
+        baseline of the output: none, trend (a linear drift), walk (a random walk), or auto: with
+        slow noise averaged over slow waves, else none
     input_noise
         standard deviation of the noise of a measured input, in its unit; 0: none; auto: estimated
         from its samples
