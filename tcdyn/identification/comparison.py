@@ -306,9 +306,9 @@ def compare(
     (:func:`tcdyn.identification.ladder.common_setting`). Where the residuals of the recommended
     model are clearly coloured or follow the input, or it reproduces little, transfer functions with
     common poles and white noise replace it if they simulate data left out of the fit better. They
-    are tried with several inputs in any case but that of noise with a memory beyond the record. The recommended model, and
-    those about as likely, are fitted once more, with the average over slow noise
-    (:mod:`tcdyn.estimation.noise_average`). For the recommendation see
+    are tried with several inputs in any case but that of noise with a memory beyond the record. The
+    recommended model, and those about as likely, are fitted once more, with the average over slow
+    noise (:mod:`tcdyn.estimation.noise_average`). For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
