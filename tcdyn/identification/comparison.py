@@ -47,11 +47,20 @@ from tcdyn.identification.large_records import (
     fit_all_rows,
     search_record,
 )
-from tcdyn.identification.models import Model, as_model, process, several
+from tcdyn.identification.models import (
+    Model,
+    as_model,
+    behind_known,
+    process,
+    several,
+    with_known,
+)
 from tcdyn.identification.options import RecordOptions
 from tcdyn.identification.other_hold import check_holds
+from tcdyn.identification.plant import KnownSensor, without_sensor
 from tcdyn.identification.recommendation import (
     DECISIVE_BIC,
+    HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
     chain_advice,
     comparison_table,
@@ -261,6 +270,7 @@ def compare(
     data: IOData | tuple[Any, ...],
     *models: Entry | Sequence[Entry],
     like: Model | None = None,
+    sensor: Any = None,
     held_out: IOData | float = 0.3,
     progress: Progress = lambda name, number, count: None,
     **options: Any,
@@ -281,6 +291,10 @@ def compare(
         several inputs the inputs that matter.
     like
         Model whose known factor, offset and fixed gain all models of the ladder have.
+    sensor
+        The sensor that measures the output: a lag [s], alone or with its standard uncertainty, a
+        Chain, or a column of a sensor file. The models are then those of the plant without it, and
+        their uncertainties contain that of the sensor.
     held_out
         Another record, or the last share of this one (with several runs: the last run). Held-out
         scores come from a second fit to the rest.
@@ -304,11 +318,12 @@ def compare(
     All models of the table share one setting: the initial state, and the disturbance that is
     likeliest with the best of the first models, as far as ``options`` do not give them
     (:func:`tcdyn.identification.ladder.common_setting`). Where the residuals of the recommended
-    model are clearly coloured or follow the input, or it reproduces little, transfer functions with
-    common poles and white noise replace it if they simulate data left out of the fit better. They
-    are tried with several inputs in any case but that of noise with a memory beyond the record. The
-    recommended model, and those about as likely, are fitted once more, with the average over slow
-    noise (:mod:`tcdyn.estimation.noise_average`). For the recommendation see
+    model are clearly coloured or follow the input, or it reproduces little, the models with white
+    noise and transfer functions with common poles replace it if they simulate data left out of the
+    fit better; the final fit then has white noise and robust intervals. Common poles are tried with
+    several inputs in any case but that of noise with a memory beyond the record. The recommended
+    model, and those about as likely, are fitted once more, with the average over slow noise
+    (:mod:`tcdyn.estimation.noise_average`). For the recommendation see
     :func:`tcdyn.identification.recommendation.recommend`.
 
     Examples
@@ -343,9 +358,14 @@ def compare(
         loops = closed_loop(data)
     data = replace(data, findings=(*data.findings, *loops, *excitation(data)))
     template = like or process("P1")
+    known_sensor = None if sensor is None else KnownSensor.of(sensor)
+    if known_sensor is not None:
+        template = behind_known(template, known_sensor.known)
     given = {name: v for name, v in options.items() if v != "auto" or name == "input_noise"}
     ladder = Ladder(replace(data, findings=()), template, given, progress, held_out)
     given_models = [resolve_entry(m, data) for m in entries]
+    if known_sensor is not None:
+        given_models = [behind_known(model, known_sensor.known) for model in given_models]
     record = search_record(ladder)
     if options.get("check", True):
         check_even_inputs(record.data, data.name or "identify")
@@ -354,6 +374,8 @@ def compare(
     searched = replace(ladder, data=record.data, held_out=held_out)
     result = search_models(searched, given_models)
     result = finish(ladder, data, result, record)
+    if known_sensor is not None:
+        result = of_plants(ladder, result, known_sensor, like or process("P1"))
     rows = [
         simulator_row(m, f"{type(m).__name__}, {k}", data, held_out)
         for k, m in enumerate(simulators, 1)
@@ -411,7 +433,8 @@ def identify(
     """
     of_record = [each.name for each in fields(RecordOptions)]
     given = {name: options.pop(name) for name in of_record if name in options}
-    known = [*of_record, *list(signature(fit).parameters)[2:], "like", "held_out", "progress"]
+    of_compare = ["like", "sensor", "held_out", "progress"]
+    known = [*of_record, *list(signature(fit).parameters)[2:], *of_compare]
     check_keywords("identify", options, ["input", "output", *known])
     settings = options_of(RecordOptions, given, "identify")
     hold = None if settings.hold is None else settings.holds
@@ -444,12 +467,18 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
         Table, fits and recommendation.
     """
 
-    fits: Mapping[str, Fit | InputError]
-    if given_models:
-        fits, setting = fit_given(ladder, given_models)
-    else:
-        fits, setting = select_structures(ladder)
-    result = score(ladder, fits, setting)
+    def compared(ladder: Ladder) -> Comparison:
+        """Compare the given models, or those of the ladder, under the noise of its options."""
+        fits: Mapping[str, Fit | InputError]
+        if given_models:
+            fits, setting = fit_given(ladder, given_models)
+        else:
+            fits, setting = select_structures(ladder)
+        return score(ladder, fits, setting)
+
+    result = compared(ladder)
+    if ladder.setting.is_averaged and is_doubtful(result.best):
+        result = prefer_held_out(result, compared(ladder.with_white_noise()))
     if given_models:
         return replace(result, are_given=True)
     has_several_inputs = len(ladder.data.input_names) > 1
@@ -459,6 +488,37 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
         # the errors on left-out blocks of a record with a random walk contain the walk
         result = add_common_pole_model(ladder, result, MAX_RATIO_TO_ACCEPTED)
     return result
+
+
+def of_plants(ladder: Ladder, result: Comparison, sensor: KnownSensor, like: Model) -> Comparison:
+    """Return the comparison with the plants without the sensor as its models.
+
+    Parameters
+    ----------
+    ladder
+        The record and the options.
+    result
+        The comparison of plants behind the sensor.
+    sensor
+        The sensor.
+    like
+        The template of the plants, with the known factor that is not the sensor.
+    """
+
+    def fit_near(model: Model, near: Fit) -> Fit | None:
+        """Return the fit of a model from the parameters and under the setting of another fit."""
+        setting = replace(ladder.setting, initial=near.problem.initial)
+        if near.noise.averaged:
+            setting = setting.at_likeliest_noise(near)
+        return ladder.fit_model(model, setting, [near.identified.theta])
+
+    used = {result.recommended, *likely_models(result.table, result.fits)}
+    fits = {}
+    for name, fitted in result.fits.items():
+        plant = with_known(fitted.identified.model, like.known)
+        changed = sensor if name in used else KnownSensor(sensor.chain)
+        fits[name] = without_sensor(fitted, changed, plant, fit_near)
+    return replace(result, fits=fits)
 
 
 def simulator_row(model: Any, name: str, data: IOData, held_out: IOData | float) -> dict[str, Any]:
@@ -744,6 +804,17 @@ def is_doubtful(result: Fit) -> bool:
     return not is_adequate(result) or explains_little(result)
 
 
+def prefer_held_out(result: Comparison, other: Comparison) -> Comparison:
+    """Return the other comparison where its model simulates the held-out data better.
+
+    Their disturbances differ, so the errors on left-out blocks cannot be compared: that of a random
+    walk contains the walk.
+    """
+    error = result.best_row["held_out_rms"]
+    other_error = other.best_row["held_out_rms"]
+    return other if other_error < HELD_OUT_GAIN_RATIO * error else result
+
+
 def add_common_pole_model(ladder: Ladder, result: Comparison, limit: float = 1.0) -> Comparison:
     """Add a transfer function whose inputs share their poles, if it is better.
 
@@ -812,6 +883,9 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     model = best.problem.model
     is_part = record.data is not ladder.data
     fits = dict(result.fits)
+    if ladder.setting.is_averaged and not best.noise.averaged:
+        # unseen data have preferred white noise
+        ladder = ladder.with_white_noise()
     if is_part:
         final = fit_all_rows(ladder, best, record)
     else:
@@ -824,12 +898,13 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
         n_measured = record.data.n_samples - record.data.n_missing
         share = n_measured * record.block / max(data.n_samples - data.n_missing, 1)
         numbers |= {"block": record.block, "share": min(share, 1.0)}
-        # the conclusion is about the fit to all rows
-        table = result.table.copy()
-        tests = ["p_white", "p_input"]
-        statistics = final.identified.statistics
-        table.loc[table["model"] == result.recommended, tests] = [statistics[t] for t in tests]
-        result = replace(result, table=table)
+    # the conclusion is about the final fit
+    table = result.table.copy()
+    is_recommended = table["model"] == result.recommended
+    row = _table_row(result.recommended, final)
+    for column in ("p_white", "p_input", "remark", "determined"):
+        table.loc[is_recommended, column] = row[column]
+    result = replace(result, table=table)
     if "initial" not in ladder.options:
         has_free_state = initial == "level" and model.integrators > 0
         numbers["initial"] = "estimated" if has_free_state else initial
@@ -969,10 +1044,15 @@ def mixed(
 
 
 def dead_time_s(model: Identified) -> Estimate:
-    """Dead time of a model of one input [s]; zero with the uncertainty of the times without one."""
+    """Dead time of a model of one input [s]; zero with the uncertainty of the times without one.
+
+    Where the data do not determine it, it is any part of the lag, all equally probable.
+    """
     found = model.estimates.get("Td")
     if found is not None:
-        return found
+        lag_s = abs(model.lag_s.value)
+        largest_u_s = lag_s / np.sqrt(12)
+        return found if found.u < largest_u_s else Estimate.normal(lag_s / 2, largest_u_s)
     return Estimate.normal(model.theta.get("Td", 0.0), model.timing_u_s)
 
 

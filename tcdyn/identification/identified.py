@@ -415,6 +415,8 @@ class Identified(Dynamics, Result):
             ]
         model["parameters"] = m.names
         model["known"] = {"num": m.known.num, "den": m.known.den}
+        if m.known.delay_s:
+            model["known"]["delay_s"] = m.known.delay_s
         lag: Any = None
         if not m.integrators:
             lags = {name: part.lag_s for name, part in self.by_input.items()}
@@ -514,7 +516,9 @@ class Identified(Dynamics, Result):
 
 def _model_from_dict(content: Mapping[str, Any]) -> Model:
     """The model structure in the "model" key of a file."""
-    known = KnownDynamics.ratio(content["known"]["num"], content["known"]["den"])
+    stored = content["known"]
+    known = KnownDynamics.ratio(stored["num"], stored["den"])
+    known = replace(known, delay_s=stored.get("delay_s", 0.0))
     submodels = [
         Model(part["name"], part["kind"], tuple(part["names"]), known=known)
         for part in content.get("parts", ())

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.chain import NO_CONDITIONING, ChainStructure, cement_lags
+from tcdyn.chain import NO_CONDITIONING, Chain, ChainStructure, cement_lags
 from tcdyn.chain.rational import Factor, Rational, polynomial_product
 from tcdyn.core import Array, Flags
 from tcdyn.core.arguments import with_named_arguments
@@ -54,10 +54,13 @@ class KnownDynamics:
         Numerator, ascending in s; the constant term is one for a filter.
     factors
         Denominator factors of constant term one, not estimated.
+    delay_s
+        Dead time [s].
     """
 
     num: tuple[float, ...] = (1.0,)
     factors: tuple[Factor, ...] = ()
+    delay_s: float = 0.0
 
     @property
     def den(self) -> tuple[float, ...]:
@@ -95,15 +98,24 @@ class KnownDynamics:
 
     @classmethod
     def of(cls, part: KnownDynamics | Conditioning | object | None) -> KnownDynamics:
-        """From a Conditioning, a ``control.TransferFunction`` or a KnownDynamics."""
+        """From a Conditioning, a Chain, a ``control.TransferFunction`` or a KnownDynamics."""
         if part is None:
             return cls()
         if isinstance(part, KnownDynamics):
             return part
         if isinstance(part, Conditioning):
             return cls(factors=tuple(Factor(f, free=False) for f in part.factors))
+        if isinstance(part, Chain):
+            rational = part.rational
+            factors = tuple(replace(f, free=False) for f in rational.factors)
+            return cls(tuple(np.asarray(rational.num, dtype=float)), factors, rational.delay_s)
         system: Any = part
         return cls.ratio(system.num[0][0][::-1], system.den[0][0][::-1])
+
+    def times(self, other: KnownDynamics) -> KnownDynamics:
+        """Return the product of two known factors."""
+        num = tuple(np.convolve(self.num, other.num).tolist())
+        return KnownDynamics(num, self.factors + other.factors, self.delay_s + other.delay_s)
 
 
 @dataclass(frozen=True)
@@ -362,9 +374,8 @@ class Model:
         p = self.all_parameters(theta)
         num, free_factors = self.coefficients(p)
         factors = self.known.factors + tuple(Factor(f) for f in free_factors)
-        return Rational(
-            np.convolve(num, self.known.num), factors, p.get("Td", 0.0), self.integrators
-        )
+        delay_s = p.get("Td", 0.0) + self.known.delay_s
+        return Rational(np.convolve(num, self.known.num), factors, delay_s, self.integrators)
 
     def chain_rule(self, theta: Mapping[str, float]) -> Array:
         """Return the derivatives of all coefficients with the free parameters.
@@ -403,6 +414,22 @@ class Model:
         table = np.array(columns, dtype=complex)
         n_rows = len(coefficients(parameters))
         return table.reshape(len(self.free), n_rows).T.imag / COMPLEX_STEP
+
+
+def behind_known(model: Model, known: KnownDynamics) -> Model:
+    """Return the model with a further known factor behind each input."""
+    submodels = [
+        part if part.name == NO_MODEL else behind_known(part, known) for part in model.submodels
+    ]
+    return replace(model, known=model.known.times(known), submodels=tuple(submodels))
+
+
+def with_known(model: Model, known: KnownDynamics) -> Model:
+    """Return the model with another known factor in place of its own behind each input."""
+    submodels = [
+        part if part.name == NO_MODEL else with_known(part, known) for part in model.submodels
+    ]
+    return replace(model, known=known, submodels=tuple(submodels))
 
 
 def base_name(name: str) -> str:

@@ -77,6 +77,9 @@ class IdentifyOptions(FilterOptions, RecordOptions):
         (one for each) or P1D (for all). Default: process models of one to three lags with or
         without dead time, zero, complex pair and integrator, under one model of the disturbance;
         with several inputs those that have an effect
+    sensor
+        sensor that measures the output: *.sensor.json, or its lag [s] such as 25+-1; the result is
+        the plant without it (default: the models contain the sensor)
     gain
         fix the static gain Kp at this value (process models)
     no_offset
@@ -104,6 +107,7 @@ class IdentifyOptions(FilterOptions, RecordOptions):
     """
 
     model: str | Sequence[str] = option((), "Model", short="-m", takes=list[str])
+    sensor: Any = option(None, "Sensor", takes=str)
     gain: float | None = option(None, "Model", low=-LARGEST, high=LARGEST)
     no_offset: bool = option(False, "Model")
     initial: Initial | None = option(None, "Model", choices=get_args(Initial), takes=str)

@@ -348,6 +348,8 @@ class IdentificationProblem:
         for name in self.model.names:
             if base_name(name) == "Td":
                 longest_s = max(longest_s, self.model.fixed.get(name, self.delay_max_s))
+        if self.model.known.delay_s:
+            longest_s = max(longest_s, 0.0) + self.model.known.delay_s
         return int(np.ceil(longest_s / self.dt_s)) + 1
 
     @cached_property

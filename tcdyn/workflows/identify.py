@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 from tcdyn.core.options import options_of
@@ -26,7 +27,11 @@ from tcdyn.identification import (
 )
 from tcdyn.identification.models import as_model
 from tcdyn.identification.options import IdentifyOptions
+from tcdyn.identification.plant import KnownSensor
 from tcdyn.rig.disk import Conditioning
+from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.given import UNNAMED, sensor_files
+from tcdyn.series.units import is_match
 
 # Infos about how the table was read, which are no part of a result.
 ABOUT_READING = ("time.taken", "series.averages")
@@ -139,11 +144,15 @@ def identify(
     known_filter = settings.conditioning
     record = _read_record(data, inputs, outputs, settings)
     names = list(record.input_names)  # with the units that the file states
-    models = [_model(name, names, settings, known_filter) for name in settings.models]
+    sensors = None if settings.sensor is None else sensor_files(settings.sensor)
+    known = known_filter if sensors is None else NO_CONDITIONING
+    models = [_model(name, names, settings, known) for name in settings.models]
     fit_settings = settings.fit_settings
-    fit_settings["like"] = _model("P1", names[:1], settings, known_filter)
+    fit_settings["like"] = _model("P1", names[:1], settings, known)
     results = {}
     for column in outputs:
+        if sensors is not None:
+            fit_settings["sensor"] = _sensor_of(sensors, column, known_filter)
         one = record.select(output=column)
         with progress(len(models)) if progress else nullcontext(_no_progress) as report:
             comparison = compare(
@@ -154,6 +163,59 @@ def identify(
         if done is not None:
             done(column, results[column])
     return results
+
+
+def _sensor_of(files: Sequence[SensorFile], column: str, known_filter: Conditioning) -> KnownSensor:
+    """The sensor of an output, with the filter behind it.
+
+    Parameters
+    ----------
+    files
+        Sensors.
+    column
+        Column of the output.
+    known_filter
+        The filter of the options.
+
+    Raises
+    ------
+    InputError
+        For a column that no sensor covers, and for a filter beside that of the sensor file.
+    """
+    found = [
+        (file, name)
+        for file in files
+        for name in file.columns
+        if name == UNNAMED or is_match(name, column)
+    ]
+    if not found:
+        listed = ", ".join(name for file in files for name in file.columns)
+        raise InputError(
+            f"{{sensor}} has no sensor for {column}",
+            expected=f"one of its columns: {listed}",
+            parameters={"sensor": None},
+        )
+    file, name = found[0]
+    if file.law is not None:
+        raise InputError(
+            "{sensor} has a lag that follows another column",
+            expected="one lag",
+            remedy="give the lag at the conditions of the record, such as 25+-1",
+            parameters={"sensor": None},
+        )
+    k = file.columns.index(name)
+    chain = file.chains[k]
+    if known_filter.poles:
+        if chain.conditioning.poles:
+            raise InputError(
+                f"{{cutoff_Hz}} is given, and {{sensor}} has a filter of "
+                f"{chain.conditioning.cutoff_Hz:g} Hz",
+                remedy="leave one of them out",
+                parameters={"cutoff_Hz": None, "sensor": None},
+            )
+        chain = replace(chain, conditioning=known_filter)
+    lag_u_s = file.chain.channels[name].lag_s.u
+    return KnownSensor(chain, lag_u_s, file.chain.channels[name].split_u_s)
 
 
 def _check_options_of_one_input(settings: IdentifyOptions, inputs: Sequence[str]) -> None:

@@ -688,6 +688,8 @@ IDENTIFY: dict[str, Message] = {
     "% of its variance is its own): the record does not separate their effects.",
     "record.clipped": "{count} samples of the output are clipped (equal to its largest or smallest "
     "value) and were left out.",
+    "model.without_sensor": "The model is the plant without the sensor of {subject}, whose lag is "
+    "{lag_s:.4g} +- {u_s:.2g} s.",
     "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not determine it",
     "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may "
     "fit better",
