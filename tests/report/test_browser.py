@@ -57,7 +57,7 @@ def demo(campaign: Campaign, partition: Partition, page: Path) -> int:
     return 0
 
 
-def campaign_page(_: Campaign, __: Partition, page: Path) -> int:
+def campaign_page(page: Path) -> int:
     """The page of sixteen tests. The command that analyses the logs first has its own tests."""
     write_campaign_report(page, CampaignRun(page.parent, (), programme_table()))
     return 0
@@ -99,11 +99,11 @@ def compensate(campaign: Campaign, _: Partition, page: Path) -> int:
     )
 
 
-def design(_: Campaign, __: Partition, page: Path) -> int:
+def design(page: Path) -> int:
     return tcdyn("rig", "design", "--bath-degC", "110", "--duration-s", "40", "--out", page, "-q")
 
 
-def identify(_: Campaign, __: Partition, page: Path) -> int:
+def identify(page: Path) -> int:
     u = np.repeat([0.0, 1.0, 0.2, 0.8, 0.0], 40)
     y = np.ravel(Chain((0.8,), conditioning=NO_CONDITIONING).response(u, 0.1, hold="zoh"))
     table = pd.DataFrame(
@@ -121,7 +121,7 @@ def identify(_: Campaign, __: Partition, page: Path) -> int:
     )
 
 
-def verify(_: Campaign, __: Partition, page: Path) -> int:
+def verify(page: Path) -> int:
     return tcdyn("verify", "--report", page, "-q")
 
 
@@ -130,7 +130,11 @@ def view(campaign: Campaign, _: Partition, page: Path) -> int:
     return tcdyn("view", log, *record_options(campaign), "--no-open", "--out", page, "-q")
 
 
-PAGES = (beta, campaign_page, certificate, compensate, design, identify, demo, verify, view)
+RIG_PAGES = (beta, certificate, compensate, demo, view)
+PAGES = [
+    *(pytest.param(make, marks=pytest.mark.long) for make in RIG_PAGES),
+    *(campaign_page, design, identify, verify),
+]
 
 
 @pytest.fixture(scope="module")
@@ -179,15 +183,13 @@ def show(
 
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda make: make.__name__)
-def page(
-    request: pytest.FixtureRequest,
-    campaign: Campaign,
-    partition: Partition,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
-    make: Callable[[Campaign, Partition, Path], int] = request.param
+def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    make: Callable[..., int] = request.param
     path = tmp_path_factory.mktemp(make.__name__) / "page.html"
-    assert make(campaign, partition, path) == 0
+    inputs: list[Any] = []
+    if make in RIG_PAGES:
+        inputs = [request.getfixturevalue(name) for name in ("campaign", "partition")]
+    assert make(*inputs, path) == 0
     return path
 
 
