@@ -15,7 +15,7 @@ import numpy as np
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.core.errors import InputError
-from tcdyn.identification.excitation import is_periodic
+from tcdyn.identification.excitation import is_periodic, period_of_sine
 from tcdyn.identification.holds import MIN_REPEATED_SHARE
 from tcdyn.identification.models import process
 from tcdyn.identification.problem import IdentificationProblem
@@ -63,7 +63,8 @@ def check_causality(
     lag cannot represent, or an integral with a drift. They explain nothing before their input
     moves. The record is accepted where a lead of two lags, or an integral, explains the output
     nearly as well as a lead explains any later output. So is one whose input and output are
-    periodic from the first sample on: a lead cannot be told from a delay of a period less.
+    periodic from the first sample on, or whose input is a sine: a lead cannot be told from a delay
+    of a period less.
     An output that was set by a computer and not measured is not that of a sensor: then the columns
     are exchanged, although a lead would fit too.
 
@@ -79,6 +80,8 @@ def check_causality(
     reach = n // 4
     shift = _best_negative_shift(problem, n, reach)
     if shift is None or is_periodic(problem.segments):
+        return
+    if period_of_sine(problem.segments, problem.dt_s) is not None:
         return
     if has_other_inputs and shift == 0:
         return

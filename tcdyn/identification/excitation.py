@@ -61,7 +61,7 @@ def excitation(data: IOData) -> tuple[Finding, ...]:
     if not segments:
         return ()
     if len(data.input_names) == 1:
-        period_s = _period_of_sine(segments, data.dt_s)
+        period_s = period_of_sine(segments, data.dt_s)
         if period_s is None or not is_periodic(segments):
             return ()
         name = data.input_names[0]
@@ -106,7 +106,7 @@ def _change_over(y: Array, period: int) -> float:
     return largest / max(2 * float(np.var(y)), 1e-300)
 
 
-def _period_of_sine(segments: Sequence[Segment], dt_s: float) -> float | None:
+def period_of_sine(segments: Sequence[Segment], dt_s: float) -> float | None:
     """Period of the input [s] where it is one sine in the longest segment, else None."""
     u = np.ravel(max((s.u for s in segments), key=len))
     v = u - u.mean()

@@ -120,3 +120,16 @@ def test_robust_loss_gives_no_false_alarms():
         )
         alarms += robust.identified.statistics["p_input"] < 0.01
     assert alarms <= 2  # 1 % of 30; three or more occur once in 300
+
+
+def test_a_sine_from_a_cold_start_is_no_output_that_moves_first() -> None:
+    """Two periods; the output rises through the first, as in a laboratory heater."""
+    t_s = np.arange(0.0, 1260.0, 1.0)
+    heater = 20.0 + 20.0 * np.sin(2 * np.pi * t_s / 525.0)
+    decay = np.exp(-1.0 / 170.0)
+    rise = lfilter([1 - decay], [1.0, -decay], np.concatenate([np.zeros(20), heater[:-20]]))
+    slow = np.exp(-1.0 / 500.0)
+    block = lfilter([1 - slow], [1.0, -slow], rise)
+    noise = np.random.default_rng(0).normal(0.0, 0.2, len(t_s))
+    data = IOData.from_arrays(heater, 26.0 + 0.5 * rise + 0.6 * block + noise, 1.0, hold="zoh")
+    check_causality(make_problem(data, process("P1D"), "equilibrium"), "record")
