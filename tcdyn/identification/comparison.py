@@ -112,6 +112,9 @@ RECORD_TROUBLES = (
 )
 # Findings of a fit that do not mean that the record leaves its parameters undetermined.
 NOT_OF_THE_MODEL = ("fit.prior_conflict", "record.thermostat")
+# Range of the estimated drift or slow wave over that of the output, above which it may cause as much
+# of the output as the input does.
+MAX_WAVE_SHARE = 0.5
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
@@ -228,6 +231,8 @@ class Comparison(Result):
             troubles.append("record.rise_and_fall" if is_on_off else code)
         if self.reason.code == "models.foresees":
             troubles.append("model.general")
+        if self.best.identified.statistics.get("wave", 0.0) > MAX_WAVE_SHARE:
+            troubles.append("model.wave")
         percent = centred_fit_percent(self.best)
         return conclude(self.table, self.recommended, self.reason, untried, troubles, percent)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from tcdyn.identification import IOData, compare, confirm, fit
 from tests.identify.small_drift_study import LAGS_S, N, record, study
@@ -97,3 +98,16 @@ def test_a_fit_of_averaged_noise_is_confirmed_on_data_of_another_interval() -> N
         data.runs[0].u[::2, 0], data.outputs[::2, 0], 2 * data.dt_s, hold="zoh"
     )
     assert confirm(result, every_other).whiteness.p >= 0
+
+
+def test_a_wave_as_large_as_the_response_makes_the_result_provisional() -> None:
+    """The input is a slow sine, and the output drifts by twice the response."""
+    t_s = np.arange(600.0)
+    u = np.sin(2 * np.pi * t_s / 500.0)
+    response = lfilter([1 - np.exp(-1 / 40.0)], [1.0, -np.exp(-1 / 40.0)], u)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, len(u))
+    y = response + 4.0 * np.cos(np.pi * t_s / 600.0) + noise
+    data = IOData.from_arrays(u, y, 1.0, hold="zoh")
+    conclusion = compare(data, "P1", check=False).conclusion
+    assert conclusion.code != "models.recommended"
+    assert "model.wave" in conclusion.numbers["troubles"]

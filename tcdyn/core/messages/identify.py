@@ -238,6 +238,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "start from rest, because one sine determines neither gain nor lag without the structure",
         "record.inseparable": "move each input alone, because the record does not separate their "
         "effects",
+        "model.wave": "record steps of the input that are faster than the drift, because a drift or "
+        "slow wave may cause as much of the output as the input does",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
         "this model responds to its input without delay, and with the opposite sign or without a "
         "static gain, like minus the inverse of a controller",
