@@ -65,6 +65,7 @@ def test_simulated_oven_and_plunges_give_a_certificate_in_two_commands(tmp_path)
     assert tcdyn("rig", "record", "show", record) == 0
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path, capsys):
     record = write_record(RECORD, tmp_path / "fast.disk.json")

@@ -89,6 +89,7 @@ def test_a_bouncing_switch_is_told_once_and_in_one_wording(said: Said) -> None:
     assert said.page.count("the entry switch bounced") == 1
 
 
+@pytest.mark.long
 def test_digits_around_plus_minus_match(said: Said) -> None:
     pairs = re.findall(r"(-?[\d.]+) \+- ([\d.]+)", said.out)
     assert len(pairs) >= 14  # the common lag twice, six channels with two each
@@ -235,6 +236,7 @@ def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(
         )
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> None:
     from tcdyn.workflows import calibrate_disk
@@ -250,6 +252,7 @@ def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> N
     assert not any("is the oven log of the disk" in w for w in own)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
     campaign: Campaign, calibrations: dict[str, CalibrationRun], tmp_path: Path

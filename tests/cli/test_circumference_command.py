@@ -11,6 +11,7 @@ from tcdyn.rig.rigfile import load_rig
 from tests.cli.test_main_job import tcdyn
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_synthetic_disks_are_drawn_with_the_uneven_one_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

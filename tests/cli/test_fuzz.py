@@ -34,6 +34,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
     return World.made(tmp_path_factory.mktemp("fuzz"))
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("command", WORDS)
 def test_sound_inputs_give_a_result(world: World, command: str) -> None:
@@ -42,6 +43,7 @@ def test_sound_inputs_give_a_result(world: World, command: str) -> None:
     assert done.code in (0, 1), (done.words, done.error)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @given(
@@ -162,6 +164,7 @@ def test_a_constant_frequency_response_is_no_internal_error(tmp_path: Path) -> N
     assert tcdyn("response", table, *words, "--out", tmp_path / "r.json") == 0
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_log_with_an_odd_name_does_not_end_a_campaign(
     world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -40,6 +40,7 @@ def test_identify_prints_the_model_as_json(table: Path, capsys: pytest.CaptureFi
     assert "No sign that the lag depends on the level" in said
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_what_narx_says_is_in_file_and_page_even_where_nothing_is_printed(
     table: Path, capsys: pytest.CaptureFixture[str]

@@ -124,6 +124,7 @@ def offered(message: str) -> list[str]:
     return shlex.split(found[0])[:2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "label"), [("cycle.csv", "CH1"), ("german.csv", "CH 1"), ("long.parquet", "CH 1")]
 )
@@ -241,6 +242,7 @@ def test_readings_in_another_unit_are_refused_in_frames() -> None:
     assert from_frame(other, input="u", output="CO2_ppm").dt_s == 1.0
 
 
+@pytest.mark.long
 def test_a_few_drop_outs_in_a_sound_dip_remain_drop_outs(folder: Path) -> None:
     y = dip(12, 1)
     y[[80, 81, 120, 200, 260]] = (3276.7, 3276.7, 9999.0, 1e30, 2999.0)

@@ -596,6 +596,7 @@ def test_nominal_flux_position_uncertainty_prevents_a_false_suspect() -> None:
     ).sound
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_exchanged_cables_are_detected_at_rest_when_no_speed_exponent_fits() -> None:
     """If the static lines of the disks differ, the fit of the exchanged log finds no power law

@@ -81,6 +81,7 @@ def test_summary_gives_the_result_before_the_agreement(partition: Partition) -> 
     assert any(f"{partition.test.speed_exponent:g}" in line for line in beta_assumptions(partition))
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_crosscheck_is_a_finding_and_is_printed_once(partition: Partition, tmp_path: Path) -> None:
     findings = partition.findings

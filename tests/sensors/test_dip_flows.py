@@ -157,6 +157,7 @@ def test_one_dip_with_its_flow_has_the_law_of_the_prior() -> None:
     assert stated.law.inner_share == pytest.approx(0.1)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_command_with_flows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     logs = []

@@ -112,6 +112,7 @@ def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> None:
     out = tmp_path / "s.sensor.json"

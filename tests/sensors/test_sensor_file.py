@@ -279,6 +279,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
             assert np.abs(out[name] - one[:, 0]).max() < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(
     ("dt_s", "tau_s", "rows", "columns"),

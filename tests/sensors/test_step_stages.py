@@ -194,6 +194,7 @@ def test_dips_as_people_make_them_are_covered(kind: str) -> None:
     assert np.abs(table[:, 1:4]).max() < 4
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_mean_of_a_logger_is_not_part_of_the_lag() -> None:
     dt_s, mean_s = 0.5, 2.0

@@ -122,6 +122,7 @@ def logged(seed: int, mean_s: float, lag_s: float, dt_s: float = 0.5) -> tuple[A
     return time_s[at], temperature[at], rows + 0.02 * rng.standard_normal(len(at))
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("mean_s", [0.3, 0.5, 1.5])
 def test_temperatures_behind_a_mean_are_found_with_an_honest_band(mean_s: float) -> None:
