@@ -112,8 +112,10 @@ RECORD_TROUBLES = (
 )
 # Findings of a fit that do not mean that the record leaves its parameters undetermined.
 NOT_OF_THE_MODEL = ("fit.prior_conflict", "record.thermostat")
-# Range of the estimated drift or slow wave over that of the output, above which it may cause as much
-# of the output as the input does.
+# BIC that an oscillating pair must gain over two lags: 20 times as likely (Raftery 1995: strong).
+CLEAR_BIC = 6.0
+# Range of the estimated drift or slow wave over that of the output, above which it may cause as
+# much of the output as the input does.
 MAX_WAVE_SHARE = 0.5
 MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
@@ -687,10 +689,11 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     """
     fitted = {name: f for name, f in fits.items() if isinstance(f, Fit)}
     ranked = sorted(fitted, key=lambda name: bic(fitted[name]))
-    left_out = [*overdamped_models(fitted), *needless_half_orders(fitted)]
+    overdamped = overdamped_models(fitted)
+    needless = needless_elements(fitted)
     rows = {name: _table_row(name, fitted[name]) for name in ranked}
     unscored = pd.DataFrame(list(rows.values()))
-    best_by_bic = recommend(unscored, left_out)[0]
+    best_by_bic = recommend(unscored, overdamped, needless)[0]
     n_inputs = len(ladder.data.input_names)
     simple = [" + ".join([name] * n_inputs) for name in ALWAYS_HELD_OUT]
     scored = {*ranked[:N_HELD_OUT], *simple, best_by_bic}
@@ -705,7 +708,7 @@ def score(ladder: Ladder, fits: Mapping[str, Fit | InputError], setting: Setting
     table = pd.DataFrame([rows[name] for name in fits]).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    recommended, reason = recommend(table, left_out)
+    recommended, reason = recommend(table, overdamped, needless)
     return Comparison(table, fitted, recommended, reason)
 
 
@@ -774,11 +777,11 @@ def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
     return names
 
 
-def needless_half_orders(fits: Mapping[str, Fit]) -> list[str]:
-    """Models with a half-order element whose BIC is not decisively below that of lags.
+def needless_elements(fits: Mapping[str, Fit]) -> list[str]:
+    """Models with an element that lags describe about as well.
 
-    Its lag is infinite, and it takes part of the dead time; where lags describe a record about as
-    well, they are the simpler explanation.
+    A half-order element has an infinite lag and takes part of the dead time, and an oscillating
+    pair has two parameters as two lags have; lags are the simpler explanation.
 
     Parameters
     ----------
@@ -788,14 +791,25 @@ def needless_half_orders(fits: Mapping[str, Fit]) -> list[str]:
     Returns
     -------
     list of str
-        Names of those models.
+        Names of models with a half-order element whose BIC is not lower by ``DECISIVE_BIC`` than
+        that of all models with lags, and of models with a pair whose BIC is not lower by
+        ``CLEAR_BIC`` than with two lags in its place.
     """
-    half_orders = [name for name in fits if "H" in name]
+    needless = []
     lumped = [bic(result) for name, result in fits.items() if "H" not in name]
-    if not lumped:
-        return []
-    limit = min(lumped) - DECISIVE_BIC
-    return [name for name in half_orders if bic(fits[name]) > limit]
+    if lumped:
+        limit = min(lumped) - DECISIVE_BIC
+        needless = [name for name in fits if "H" in name and bic(fits[name]) > limit]
+    for name, result in fits.items():
+        structures = name.split(" + ")
+        for k, structure in enumerate(structures):
+            if "U" not in structure:
+                continue
+            with_lags = [*structures[:k], structure.replace("U", ""), *structures[k + 1 :]]
+            two_lags = fits.get(" + ".join(with_lags))
+            if two_lags is not None and bic(result) > bic(two_lags) - CLEAR_BIC:
+                needless.append(name)
+    return needless
 
 
 def has_two_levels(result: Fit) -> bool:
@@ -842,7 +856,11 @@ def add_common_pole_model(ladder: Ladder, result: Comparison, limit: float = 1.0
     if ladder.options.get("loss", "linear") != "linear":
         return result
     ladder.progress("common poles", 1, 1)
-    better = best_common_pole_fit(ladder, result.best, result.best_row["held_out_rms"], limit)
+    # the best that process models about as likely do on unseen data
+    table = result.table
+    is_near = table["BIC"] < result.best_row["BIC"] + DECISIVE_BIC
+    held_out_rms = float(table["held_out_rms"][is_near].min())
+    better = best_common_pole_fit(ladder, result.best, held_out_rms, limit)
     if better is None:
         return result
     fit_of_poles, ratio, error = better

@@ -38,6 +38,9 @@ FIRST_STRUCTURES = ("P1D", "P2D", "P2DZ", "P2DU", "P3D")
 # Structures that are tried where the best of the others does not describe the record.
 FURTHER_STRUCTURES = ("P1I", "P1DI", "P2DI", "P1DH", "P2DH")
 MAX_LAGS = 3  # of a process model
+# Structures that are tried with one input only: with several the search took more than 200 s in a
+# record of 1551 rows, most of it in pairs with zeros.
+OF_ONE_INPUT = ("P2UZ", "P2DUZ", "P3U", "P3DU", "P3UZ", "P3DUZ")
 
 # Thresholds, chosen by judgement.
 MAX_SWEEPS = 6  # rounds over the inputs
@@ -390,7 +393,7 @@ def select_several_inputs(ladder: Ladder) -> tuple[dict[str, Fit], Setting]:
     for _ in range(MAX_SWEEPS):
         before = list(names)
         for k in range(n_inputs):
-            others = neighbours(names[k])
+            others = [name for name in neighbours(names[k]) if name not in OF_ONE_INPUT]
             if names[k] != NO_MODEL:
                 others.append(NO_MODEL)
             for structure in others:

@@ -94,15 +94,19 @@ def validation_error(table: pd.DataFrame) -> pd.Series[float]:
     return (table["held_out_rms"] * table["block_rms"]) ** 0.5
 
 
-def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, Finding]:
+def recommend(
+    table: pd.DataFrame, overdamped: Collection[str] = (), needless: Collection[str] = ()
+) -> tuple[str, Finding]:
     """The model to use, and why.
 
     Parameters
     ----------
     table
         A row for each model (``Comparison.table``).
-    left_out
-        Names that are not considered.
+    overdamped
+        Names that are not considered, because their pair of poles is two lags.
+    needless
+        Names that are not considered, because lags describe the record about as well.
 
     Returns
     -------
@@ -120,7 +124,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
 
     ``tests/identify/test_identify_advice.py`` has a table for each rule.
     """
-    out = table["model"].isin(list(left_out))
+    is_needless = table["model"].isin(list(needless))
+    out = table["model"].isin(list(overdamped)) | is_needless
     fitted = table[table["BIC"].notna() & ~out]
     follows_input = fitted["p_input"] < ALARM_P
     limit = fitted["BIC"].min() + DECISIVE_BIC
@@ -151,7 +156,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     undetermined = fitted[~fitted["determined"].astype(bool) & is_better[fitted.index]]
     missing = fitted[follows_input & is_better[fitted.index] & fitted["determined"].astype(bool)]
     near_and_out = table[out & (table["BIC"] < best["BIC"] + TIE_BIC)]
-    has_half_order = near_and_out["model"].str.contains("H", regex=False)
+    lags_do = is_needless[near_and_out.index]
     why = info(
         "models.why",
         subject=str(best["model"]),
@@ -165,8 +170,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         ties=list(ties["model"]) if by == "BIC" else [],
         undetermined=list(undetermined["model"]),
         missing=list(missing["model"]),
-        pairs=list(near_and_out["model"][~has_half_order]),
-        half_orders=list(near_and_out["model"][has_half_order]),
+        pairs=list(near_and_out["model"][~lags_do]),
+        needless=list(near_and_out["model"][lags_do]),
     )
     return why.subject, why
 

@@ -16,7 +16,7 @@ from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identification import IOData, compare, fit
 from tcdyn.identification.comparison import (
     average_gain_and_lag,
-    needless_half_orders,
+    needless_elements,
     overdamped_models,
 )
 from tcdyn.identification.ladder import (
@@ -258,11 +258,15 @@ def test_real_pair_of_poles_behind_any_input_is_left_out_where_two_lags_fit() ->
     assert overdamped_models(fits) == ["P1D + P2U"]
 
 
-def test_half_order_element_is_left_out_where_lags_are_about_as_likely() -> None:
+def test_elements_are_left_out_where_lags_are_about_as_likely() -> None:
     lags = fake_fit(-100.0, 6)
-    assert needless_half_orders({"P2D": lags, "P1DH": fake_fit(-105.0, 6)}) == ["P1DH"]
-    assert needless_half_orders({"P2D": lags, "P1DH": fake_fit(-130.0, 6)}) == []
-    assert needless_half_orders({"P1DH": fake_fit(-105.0, 6)}) == []
+    assert needless_elements({"P2D": lags, "P1DH": fake_fit(-105.0, 6)}) == ["P1DH"]
+    assert needless_elements({"P2D": lags, "P1DH": fake_fit(-130.0, 6)}) == []
+    assert needless_elements({"P1DH": fake_fit(-105.0, 6)}) == []
+    assert needless_elements({"P2D": lags, "P2DU": fake_fit(-104.0, 6)}) == ["P2DU"]
+    assert needless_elements({"P2D": lags, "P2DU": fake_fit(-120.0, 6)}) == []
+    two = {"P1 + P2": lags, "P1 + P2U": fake_fit(-101.0, 6), "P2U + P1": fake_fit(-90.0, 6)}
+    assert needless_elements(two) == ["P1 + P2U"]
 
 
 def test_models_of_a_comparison_share_their_start_and_the_summary_gives_the_average() -> None:

@@ -42,7 +42,7 @@ def _p_value(p: float) -> str:
 # why models were rejected: the number of the finding that lists them, text for one and for several
 _UNDETERMINED = "not determined by these data"
 _NO_PAIR = "left out, because the pair of poles does not oscillate and is two lags"
-_NO_HALF_ORDER = "left out, because lags describe the record about as well as a half-order element"
+_NEEDLESS = "left out, because lags describe the record about as well"
 # Reasons for which models were rejected: field of the finding, and predicate for one and for
 # several.
 REJECTED = (
@@ -57,7 +57,7 @@ REJECTED = (
         "would score better but miss dynamics",
     ),
     ("pairs", f"is {_NO_PAIR}", f"are {_NO_PAIR}"),
-    ("half_orders", f"is {_NO_HALF_ORDER}", f"are {_NO_HALF_ORDER}"),
+    ("needless", f"is {_NEEDLESS}", f"are {_NEEDLESS}"),
 )
 
 
@@ -238,8 +238,8 @@ def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
         "start from rest, because one sine determines neither gain nor lag without the structure",
         "record.inseparable": "move each input alone, because the record does not separate their "
         "effects",
-        "model.wave": "record steps of the input that are faster than the drift, because a drift or "
-        "slow wave may cause as much of the output as the input does",
+        "model.wave": "record steps of the input that are faster than the drift, because a drift "
+        "or slow wave may cause as much of the output as the input does",
         "model.at_once": "check whether the input is computed from the output (a closed loop): "
         "this model responds to its input without delay, and with the opposite sign or without a "
         "static gain, like minus the inverse of a controller",
