@@ -112,8 +112,6 @@ RECORD_TROUBLES = (
 )
 # Findings of a fit that do not mean that the record leaves its parameters undetermined.
 NOT_OF_THE_MODEL = ("fit.prior_conflict", "record.thermostat")
-# BIC that an oscillating pair must gain over two lags: 20 times as likely (Raftery 1995: strong).
-CLEAR_BIC = 6.0
 # Range of the estimated drift or slow wave over that of the output, above which it may cause as
 # much of the output as the input does.
 MAX_WAVE_SHARE = 0.5
@@ -792,8 +790,8 @@ def needless_elements(fits: Mapping[str, Fit]) -> list[str]:
     -------
     list of str
         Names of models with a half-order element whose BIC is not lower by ``DECISIVE_BIC`` than
-        that of all models with lags, and of models with a pair whose BIC is not lower by
-        ``CLEAR_BIC`` than with two lags in its place.
+        that of all models with lags, and of models with a pair where the same holds of two lags in
+        its place.
     """
     needless = []
     lumped = [bic(result) for name, result in fits.items() if "H" not in name]
@@ -807,7 +805,7 @@ def needless_elements(fits: Mapping[str, Fit]) -> list[str]:
                 continue
             with_lags = [*structures[:k], structure.replace("U", ""), *structures[k + 1 :]]
             two_lags = fits.get(" + ".join(with_lags))
-            if two_lags is not None and bic(result) > bic(two_lags) - CLEAR_BIC:
+            if two_lags is not None and bic(result) > bic(two_lags) - DECISIVE_BIC:
                 needless.append(name)
     return needless
 
@@ -1021,7 +1019,8 @@ def average_gain_and_lag(
     table
         A row for each model; BIC there is that under the common setting.
     fits
-        Fits by name; those of other rows than the recommended one are left out.
+        Fits by name; those of other rows than the recommended one are left out, and those whose lag
+        the record does not determine.
     recommended
         Name of the recommended model, which counts as much as the likeliest.
 
@@ -1034,7 +1033,12 @@ def average_gain_and_lag(
     if best.identified.model.integrators:
         return {}
     n = best.problem.n_measured
-    weights = {**likely_models(table, fits), recommended: 1.0}
+    weights = {
+        name: weight
+        for name, weight in likely_models(table, fits).items()
+        if not any(f.code == "fit.lag_unbounded" for f in fits[name].findings)
+    }
+    weights[recommended] = 1.0
     initial = best.problem.initial
     likely = [
         (weight, fits[name].identified.by_input)
