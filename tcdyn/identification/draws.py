@@ -1,0 +1,117 @@
+"""Draws of transfer functions from the distribution of a model's parameters.
+
+``Identified.plant`` uses it. Tests: ``tests/tuning/test_tune_draws.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tcdyn.chain.rational import Rational
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.estimation.noise_average import MixturePart
+from tcdyn.identification.responses import Dynamics
+
+# Draws: the 2.5 % quantile is that of twelve of them, and its probability is known to 0.7 %.
+N_DRAWS = 500
+SEED = 2003  # any fixed number: the same model has the same draws
+MAX_ROUNDS = 20  # of draws again, in place of unstable ones: 5 % stable ones suffice
+
+
+def draw_models(model: Dynamics, count: int = N_DRAWS) -> tuple[tuple[Rational, ...], float]:
+    """Transfer functions drawn from the distribution of the parameters.
+
+    Parameters
+    ----------
+    model
+        The model of one input.
+    count
+        Number of draws.
+
+    Returns
+    -------
+    draws
+        The transfer functions; none for a model without uncertainty.
+    redrawn_share
+        Share of draws that were unstable, and were drawn again.
+
+    Raises
+    ------
+    InputError
+        For a covariance that is not finite, and where nearly all draws are unstable.
+
+    Notes
+    -----
+    The fit searches positive parameters (lags, damping ratio) by their logarithms, in which the
+    covariance is that of a normal distribution. They are drawn in it: theta exp(d/theta), with d of
+    the normal distribution, or mixture, of the natural parameters. So they stay positive. Gains,
+    zeros and coefficients are drawn as they are. The dead time gets the uncertainty of the time of
+    the output besides; a negative one is set to zero. A record that was identified with bounded
+    outputs is not that of an unstable system: unstable draws, which coefficients of a transfer
+    function may give, are drawn again.
+
+    Examples
+    --------
+    >>> from tcdyn.identification import Identified, process
+    >>> model = Identified.of(process("P1"), {"Kp": 2.0, "Tp1": 0.8}, np.diag([1e-4, 0.64]))
+    >>> draws, _ = draw_models(model)
+    >>> len(draws), min(draw.lag_s for draw in draws) > 0
+    (500, True)
+    """
+    if not (model.covariance.any() or model.timing_u_s or model.parts):
+        return (), 0.0
+    if not np.isfinite(model.covariance).all():
+        raise InputError(
+            f"the covariance of {model.model.name} is not finite: the record does not determine it",
+            remedy="identify the model from a longer record",
+        )
+    rng = np.random.default_rng(SEED)
+    draws: list[Rational] = []
+    n_drawn = 0
+    for _ in range(MAX_ROUNDS):
+        found = [_draw(model, rng) for _ in range(count - len(draws))]
+        n_drawn += len(found)
+        draws += [each for each in found if each.is_stable]
+        if len(draws) == count:
+            return tuple(draws), 1 - count / n_drawn
+    raise InputError(
+        f"{100 * (1 - len(draws) / n_drawn):.0f} % of the models that the record permits are "
+        f"unstable: the record does not determine {model.model.name}",
+        remedy="identify a model with fewer parameters, or from a longer record",
+    )
+
+
+def _draw(model: Dynamics, rng: np.random.Generator) -> Rational:
+    """One transfer function.
+
+    Parameters
+    ----------
+    model
+        The model of one input.
+    rng
+        Generator of random numbers.
+    """
+    change = _change(model, rng)
+    theta = dict(model.theta)
+    for name, difference in zip(model.model.free, change):
+        value = theta[name]
+        if model.model.is_positive(name):
+            theta[name] = float(value * np.exp(difference / value))
+        else:
+            theta[name] = float(value + difference)
+    g = model.model.rational(theta)
+    late_s = model.timing_u_s * rng.standard_normal()
+    return replace(g, delay_s=max(g.delay_s + late_s, 0.0))
+
+
+def _change(model: Dynamics, rng: np.random.Generator) -> Array:
+    """Change of the free parameters (P,), of the mixture or of the normal distribution."""
+    parts = model.parts or (MixturePart(1.0, np.zeros(len(model.model.free)), model.covariance),)
+    weights = np.array([part.weight for part in parts])
+    part = parts[int(rng.choice(len(parts), p=weights / weights.sum()))]
+    values, vectors = np.linalg.eigh(part.covariance)
+    scale = np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(part.mean + vectors @ (scale * rng.standard_normal(len(scale))))
