@@ -167,8 +167,7 @@ class Controller:
 
         Notes
         -----
-        That of a sampled controller contains the zero-order hold of its output,
-        (1 - z^-1)/(i omega h); the aliases of the reading are left out.
+        That of a sampled controller is from samples to samples, at z = exp(i omega h).
         """
         s = 1j * omega
         if not self.sample_s:
@@ -178,4 +177,4 @@ class Controller:
         if self.kd:
             difference = self.derivative_factor * (1 - delay)
             response = response + difference / (1 - self.derivative_memory * delay)
-        return np.asarray(response * (1 - delay) / (self.sample_s * s))
+        return np.asarray(response)

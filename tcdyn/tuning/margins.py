@@ -14,6 +14,7 @@ import numpy as np
 from tcdyn.chain.rational import Complex, Rational
 from tcdyn.core import Array, Flags
 from tcdyn.tuning.forms import Controller
+from tcdyn.tuning.steps import plant_steps
 
 # Grid of frequencies: points of a decade, 1 % apart, so that the phase of a dead time changes by
 # less than a third of a radian up to 30 rad; and decades on both sides of the crossover frequency.
@@ -49,8 +50,21 @@ class Margins:
     is_stable: Flags
 
 
-def plant_responses(plants: Sequence[Rational], omega: Array) -> Complex:
-    """Frequency responses (D, W) of plants at angular frequencies (W,) [rad/s]."""
+def plant_responses(plants: Sequence[Rational], omega: Array, sample_s: float = 0.0) -> Complex:
+    """Frequency responses (D, W) of plants.
+
+    Parameters
+    ----------
+    plants
+        The plants (D,).
+    omega
+        Angular frequencies (W,) [rad/s].
+    sample_s
+        Sampling interval [s] of the controller, whose output is held and which sees samples of the
+        plant's output; 0: continuous.
+    """
+    if sample_s:
+        return plant_steps(plants, sample_s).pulse_responses(omega * sample_s)
     frequency_Hz = omega / (2 * np.pi)
     return np.array([plant.frequency_response(frequency_Hz) for plant in plants])
 
@@ -125,11 +139,12 @@ def loop_margins(
     """
     if omega is None:
         omega = frequency_grid(crossover_rad_s(plants[0], controller), controller.sample_s)
-    loop = plant_responses(plants, omega) * controller.frequency_response(omega)
-    return margins_of(loop, 1 + plants[0].integrators)
+    response = plant_responses(plants, omega, controller.sample_s)
+    loop = response * controller.frequency_response(omega)
+    return margins_of(loop, 1 + plants[0].integrators, controller.sample_s > 0)
 
 
-def margins_of(loop: Complex, integrators: int) -> Margins:
+def margins_of(loop: Complex, integrators: int, is_sampled: bool = False) -> Margins:
     """Margins from frequency responses of open loops.
 
     Parameters
@@ -138,8 +153,10 @@ def margins_of(loop: Complex, integrators: int) -> Margins:
         Responses (D, W) at rising frequencies.
     integrators
         Poles of the open loop at zero; its other poles are stable.
+    is_sampled
+        Whether the grid ends at the Nyquist frequency.
     """
-    is_stable = count_unstable_poles(loop, integrators) == 0
+    is_stable = count_unstable_poles(loop, integrators, is_sampled) == 0
     distance = np.abs(1 + loop)
     with np.errstate(divide="ignore"):
         ms = np.where(is_stable, np.max(1 / distance, axis=1), np.inf)
@@ -153,7 +170,7 @@ def margins_of(loop: Complex, integrators: int) -> Margins:
     )
 
 
-def count_unstable_poles(loop: Complex, integrators: int) -> Array:
+def count_unstable_poles(loop: Complex, integrators: int, is_sampled: bool = False) -> Array:
     """Number of unstable poles of each closed loop (D,), by the argument principle.
 
     Parameters
@@ -162,20 +179,26 @@ def count_unstable_poles(loop: Complex, integrators: int) -> Array:
         Responses (D, W) of open loops whose poles are stable but for those at zero.
     integrators
         Number of poles of the open loop at zero.
+    is_sampled
+        Whether the grid ends at the Nyquist frequency.
 
     Notes
     -----
     The argument of F = 1 + L changes by (m/2 - n) pi from frequency zero to infinity, with m poles
     of L at zero and n unstable poles of the closed loop: each stable pole of the closed loop turns
     the numerator by pi/2, each unstable one by -pi/2, and the poles of L at zero do not turn the
-    denominator. Up to the Nyquist frequency the same holds of sampled loops. The path is closed at
-    F = 1, where L has vanished. A loop whose gain is one or more at the end of the grid counts as
-    unstable: any further dead time, however small, would make it so.
+    denominator. The path is closed at F = 1, where L has vanished. A loop whose gain is one or
+    more at the end of the grid counts as unstable: any further dead time, however small, would make
+    it so. The same change holds of sampled loops up to the Nyquist frequency, where each stable
+    pole turns numerator or denominator by pi.
     """
     f = 1 + loop
-    f = np.concatenate([f, np.ones((len(f), 1))], axis=1)
+    if not is_sampled:
+        f = np.concatenate([f, np.ones((len(f), 1))], axis=1)
     turned = np.sum(np.angle(f[:, 1:] / f[:, :-1]), axis=1)
     count = np.round(integrators / 2 - turned / np.pi)
+    if is_sampled:
+        return np.asarray(count)
     return np.where(np.abs(loop[:, -1]) >= 1, np.maximum(count, 1), count)
 
 

@@ -208,6 +208,7 @@ def _keep(
     kept = ordered[:order]
     half_s = ordered[order] / 2
     kept[-1] += half_s
+    kept.sort(reverse=True)
     dead_time_s = delay_s + half_s + sum(ordered[order + 1 :])
     return ReducedModel(gain, kept[0], kept[1] if order == 2 else 0.0, dead_time_s)
 

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import expm
 
-from tcdyn.chain.rational import Rational, realise
+from tcdyn.chain.rational import Rational
 from tcdyn.core import Array, Flags
 from tcdyn.tuning.forms import Controller
+from tcdyn.tuning.steps import PlantSteps, plant_steps
 
 # Length of the simulation: SIMC settings settle within six integral times after a load, and within
 # 20 inverses of the crossover frequency after a set point (for lag-dominant and delay-dominant
@@ -92,27 +91,6 @@ class Responses:
         return np.where(is_reached.any(axis=1), self.time_s[first], np.inf)
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """One step of several plants of one structure.
-
-    Attributes
-    ----------
-    phi, gamma
-        State at the next step: phi x + gamma u; (D, n, n) and (D, n).
-    c, d
-        Output c x + d u with the delayed input; (D, n) and (D,).
-    delay
-        Steps by which the input is delayed (D,).
-    """
-
-    phi: NDArray
-    gamma: NDArray
-    c: NDArray
-    d: NDArray
-    delay: NDArray[np.intp]
-
-
 def simulate_loops(
     plants: Sequence[Rational], controller: Controller, crossover_rad_s: float
 ) -> Responses:
@@ -136,8 +114,9 @@ def simulate_loops(
     Notes
     -----
     A continuous controller is computed in steps, with the trapezoidal rule. The hold of its output
-    delays it by half a step, by which the dead time of the plant is shortened where it is longer,
-    so that the error is of second order in the step.
+    delays it by half a step, by which the dead time of the plant is shortened where it is longer.
+    So that a jump of set point or load does not come half a step early, its first step has half of
+    its size. The error is then of second order in the step.
 
     Examples
     --------
@@ -163,51 +142,15 @@ def simulate_loops(
     if not controller.sample_s:
         further_s -= step_s / 2
     count = int(np.ceil(length_s / step_s)) + 1
-    steps = _steps(plants, step_s, further_s)
+    steps = plant_steps(plants, step_s, further_s)
     setpoint, setpoint_input = _run(steps, controller, count, period, step_s, 1.0, 0.0)
     load, load_input = _run(steps, controller, count, period, step_s, 0.0, 1.0)
     time_s = step_s * np.arange(count, dtype=float)
     return Responses(time_s, setpoint, setpoint_input, load, load_input)
 
 
-def _steps(plants: Sequence[Rational], step_s: float, further_s: float) -> _Steps:
-    """Matrices of one step of each plant.
-
-    Parameters
-    ----------
-    plants
-        The plants (D,).
-    step_s
-        The step [s].
-    further_s
-        Added to every dead time [s], as far as that stays positive.
-    """
-    systems = [realise(plant, sensitivities=False) for plant in plants]
-    n = len(systems[0].B)
-    block = np.zeros((len(systems), n + 1, n + 1), dtype=complex)
-    for matrix, system in zip(block, systems):
-        matrix[:n, :n] = system.A
-        matrix[:n, n] = system.B
-    delay_s = np.maximum([plant.delay_s + further_s for plant in plants], 0.0)
-    delay = np.ceil(delay_s / step_s - 1e-9).astype(int)
-    lead_s = np.maximum(delay * step_s - delay_s, 0.0)
-    c = np.array([system.C[0] for system in systems]).reshape(len(systems), n)
-    d = np.array([system.D[0] for system in systems])
-    transition = expm(block * step_s) if n else block
-    lead = expm(block * lead_s[:, None, None]) if n else block
-    d = d + np.einsum("dn,dn->d", c, lead[:, :n, n])
-    c = np.einsum("dn,dnm->dm", c, lead[:, :n, :n])
-    phi = transition[:, :n, :n]
-    gamma = transition[:, :n, n]
-    if not any(np.any(np.asarray(system.A).imag != 0) for system in systems):
-        phi, gamma, c, d = phi.real, gamma.real, c.real, d.real
-    # An output that follows its input at once closes a loop without delay: one step is the least.
-    delay = np.where((delay == 0) & (np.abs(d) > 0), 1, delay)
-    return _Steps(phi, gamma, c, d, delay)
-
-
 def _run(
-    steps: _Steps,
+    steps: PlantSteps,
     controller: Controller,
     count: int,
     period: int,
@@ -246,13 +189,14 @@ def _run(
     state = np.zeros(steps.gamma.shape, dtype=steps.phi.dtype)
     law = _Law(controller, step_s, size)
     for k in range(count):
+        share = 0.5 if k == 0 and not law.is_sampled else 1.0
         delayed = inputs[k - steps.delay + longest, rows]
         reading = (np.einsum("dn,dn->d", steps.c, state) + steps.d * delayed).real
         output[k] = np.clip(reading, -LARGEST, LARGEST)
         if k % period == 0:
-            value = law.output(setpoint - output[k], output[k])
+            value = law.output(share * setpoint - output[k], output[k])
         controlled[k] = value
-        inputs[k + longest] = value + load
+        inputs[k + longest] = value + share * load
         delayed = inputs[k - steps.delay + longest, rows]  # now with this step's input
         state = np.einsum("dnm,dm->dn", steps.phi, state) + steps.gamma * delayed[:, None]
         state = np.where(np.abs(state) < LARGEST * 1e3, state, 0.0)

@@ -105,7 +105,7 @@ def robust(
     if not times_s:
         raise _any_gain_error()
     omega = frequency_grid(1 / times_s, sample_s)
-    response = plant_responses([plant], omega)[0] * np.sign(plant.num[0])
+    response = plant_responses([plant], omega, sample_s)[0] * np.sign(plant.num[0])
 
     def settings(logs: Array) -> tuple[float, float, float]:
         """Largest gain, and the times [s], at logarithms of times over ``times_s``."""
@@ -116,7 +116,8 @@ def robust(
         shape = Controller.from_series(1.0, integral_s, derivative_s, derivative_s / filter_ratio)
         shape = shape.sampled(sample_s)
         loop = response * shape.frequency_response(omega)
-        return largest_gain(loop, max_ms, 1 + plant.integrators), integral_s, derivative_s
+        gain = largest_gain(loop, max_ms, 1 + plant.integrators, sample_s > 0)
+        return gain, integral_s, derivative_s
 
     def cost(logs: Array) -> float:
         """Minus the logarithm of the integral gain times the sum of lags and dead time."""
@@ -143,7 +144,7 @@ def robust(
     return found_settings.sampled(sample_s)
 
 
-def largest_gain(loop: Complex, max_ms: float, integrators: int) -> float:
+def largest_gain(loop: Complex, max_ms: float, integrators: int, is_sampled: bool = False) -> float:
     """The largest factor K of a loop with max |1/(1 + K L)| <= Ms that leaves it stable.
 
     Parameters
@@ -154,6 +155,8 @@ def largest_gain(loop: Complex, max_ms: float, integrators: int) -> float:
         Ms.
     integrators
         Number of its poles at zero.
+    is_sampled
+        Whether its frequencies end at the Nyquist frequency.
 
     Returns
     -------
@@ -192,7 +195,7 @@ def largest_gain(loop: Complex, max_ms: float, integrators: int) -> float:
     covered = np.maximum.accumulate(high[order])
     is_end = np.append(True, low[1:] > GAP_RATIO * covered[:-1])
     for gain in low[is_end][::-1][:MAX_CANDIDATES]:
-        if count_unstable_poles(gain * loop[None, :], integrators)[0] == 0:
+        if count_unstable_poles(gain * loop[None, :], integrators, is_sampled)[0] == 0:
             return float(gain)
     return 0.0
 
