@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +20,25 @@ from tcdyn.identification.responses import Dynamics
 N_DRAWS = 500
 SEED = 2003  # any fixed number: the same model has the same draws
 MAX_ROUNDS = 20  # of draws again, in place of unstable ones: 5 % stable ones suffice
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A normal distribution of changes of the free parameters (P,), with its weight.
+
+    Attributes
+    ----------
+    weight
+        Probability of the part.
+    mean
+        Mean (P,).
+    factor
+        Matrix (P, P) that turns independent standard normal numbers into deviations from it.
+    """
+
+    weight: float
+    mean: Array
+    factor: Array
 
 
 def draw_models(model: Dynamics, count: int = N_DRAWS) -> tuple[tuple[Rational, ...], float]:
@@ -69,10 +89,11 @@ def draw_models(model: Dynamics, count: int = N_DRAWS) -> tuple[tuple[Rational, 
             remedy="identify the model from a longer record",
         )
     rng = np.random.default_rng(SEED)
+    parts = _parts(model)
     draws: list[Rational] = []
     n_drawn = 0
     for _ in range(MAX_ROUNDS):
-        found = [_draw(model, rng) for _ in range(count - len(draws))]
+        found = [_draw(model, parts, rng) for _ in range(count - len(draws))]
         n_drawn += len(found)
         draws += [each for each in found if each.is_stable]
         if len(draws) == count:
@@ -84,17 +105,20 @@ def draw_models(model: Dynamics, count: int = N_DRAWS) -> tuple[tuple[Rational, 
     )
 
 
-def _draw(model: Dynamics, rng: np.random.Generator) -> Rational:
+def _draw(model: Dynamics, parts: Sequence[_Part], rng: np.random.Generator) -> Rational:
     """One transfer function.
 
     Parameters
     ----------
     model
         The model of one input.
+    parts
+        The normal distributions of its free parameters.
     rng
         Generator of random numbers.
     """
-    change = _change(model, rng)
+    part = parts[int(rng.choice(len(parts), p=[each.weight for each in parts]))]
+    change = part.mean + part.factor @ rng.standard_normal(len(part.mean))
     theta = dict(model.theta)
     for name, difference in zip(model.model.free, change):
         value = theta[name]
@@ -107,11 +131,13 @@ def _draw(model: Dynamics, rng: np.random.Generator) -> Rational:
     return replace(g, delay_s=max(g.delay_s + late_s, 0.0))
 
 
-def _change(model: Dynamics, rng: np.random.Generator) -> Array:
-    """Change of the free parameters (P,), of the mixture or of the normal distribution."""
+def _parts(model: Dynamics) -> list[_Part]:
+    """The normal distributions of the free parameters."""
     parts = model.parts or (MixturePart(1.0, np.zeros(len(model.model.free)), model.covariance),)
-    weights = np.array([part.weight for part in parts])
-    part = parts[int(rng.choice(len(parts), p=weights / weights.sum()))]
-    values, vectors = np.linalg.eigh(part.covariance)
-    scale = np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(part.mean + vectors @ (scale * rng.standard_normal(len(scale))))
+    total = sum(part.weight for part in parts)
+    found = []
+    for weight, mean, covariance in parts:
+        values, vectors = np.linalg.eigh(covariance)
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        found.append(_Part(weight / total, np.asarray(mean), factor))
+    return found

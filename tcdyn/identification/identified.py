@@ -38,7 +38,7 @@ from tcdyn.core.labels import common_index
 from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.estimation.noise_average import MixturePart
-from tcdyn.identification.draws import draw_models
+from tcdyn.identification.draws import N_DRAWS, draw_models
 from tcdyn.identification.holds import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, base_name, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
@@ -324,7 +324,7 @@ class Identified(Dynamics, Result):
         troubles = [finding.sentence for finding in warnings_and_errors(self.findings)]
         if self.statistics.get("p_input", 1.0) < DRIVEN_P and self.sentence:
             troubles.append(self.sentence)
-        draws, redrawn_share = draw_models(branch)
+        draws, redrawn_share = draw_models(branch, N_DRAWS)
         units = self.input_unit.split(", ")
         return Plant(
             rational=branch.rational,

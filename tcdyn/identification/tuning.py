@@ -55,7 +55,7 @@ def tune(model: Identified | Fit | str | Path, input: str | None = None, **optio
     >>> model = Identified.of(process("P1D"), theta, np.diag([0.01, 16.0, 1.0]))
     >>> tuning = tune(model, sample_s=1.0)
     >>> round(tuning.controller.ideal.gain, 3), round(tuning.margins["ms"].value, 2)
-    (1.905, 1.57)
+    (1.905, 1.6)
     """
     check_type("model", model, (Identified, Fit, str, Path), "an identified model, or its file")
     if isinstance(model, str | Path):

@@ -143,10 +143,10 @@ def simulate_loops(
         further_s -= step_s / 2
     count = int(np.ceil(length_s / step_s)) + 1
     steps = plant_steps(plants, step_s, further_s)
-    setpoint, setpoint_input = _run(steps, controller, count, period, step_s, 1.0, 0.0)
-    load, load_input = _run(steps, controller, count, period, step_s, 0.0, 1.0)
+    size = len(plants)
+    output, controlled = _run(steps.twice(), controller, count, period, step_s)
     time_s = step_s * np.arange(count, dtype=float)
-    return Responses(time_s, setpoint, setpoint_input, load, load_input)
+    return Responses(time_s, output[:size], controlled[:size], output[size:], controlled[size:])
 
 
 def _run(
@@ -155,10 +155,8 @@ def _run(
     count: int,
     period: int,
     step_s: float,
-    setpoint: float,
-    load: float,
 ) -> tuple[Array, Array]:
-    """Run the loops.
+    """Run the loops, the first half with a step of the set point, the others with one of the load.
 
     Parameters
     ----------
@@ -172,8 +170,6 @@ def _run(
         Steps between two samples of the controller.
     step_s
         The step [s].
-    setpoint, load
-        Set point, and load at the input of the plant, from the first step on.
 
     Returns
     -------
@@ -188,6 +184,8 @@ def _run(
     controlled = np.zeros((count, size))
     state = np.zeros(steps.gamma.shape, dtype=steps.phi.dtype)
     law = _Law(controller, step_s, size)
+    setpoint = np.repeat([1.0, 0.0], size // 2)
+    load = 1 - setpoint
     for k in range(count):
         share = 0.5 if k == 0 and not law.is_sampled else 1.0
         delayed = inputs[k - steps.delay + longest, rows]

@@ -179,7 +179,7 @@ def largest_gain(loop: Complex, max_ms: float, integrators: int, is_sampled: boo
 
     >>> omega = np.geomspace(1e-3, 1e2, 2000)
     >>> round(largest_gain(np.exp(-1j * omega) / (1j * omega), 1.4, 1), 3)
-    0.324
+    0.373
     """
     square = np.abs(loop) ** 2
     half = loop.real

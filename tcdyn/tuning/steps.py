@@ -37,6 +37,11 @@ class PlantSteps:
     d: NDArray
     delay: NDArray[np.intp]
 
+    def twice(self) -> PlantSteps:
+        """The same plants once more behind themselves."""
+        doubled = [np.concatenate([each, each]) for each in vars(self).values()]
+        return PlantSteps(*doubled)
+
     def pulse_responses(self, angle: Array) -> Complex:
         """Responses (D, W) of the pulse transfer functions at z = exp(i angle).
 

@@ -26,6 +26,7 @@ def heater(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_command_writes_settings_and_picture(
     heater: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -41,6 +42,7 @@ def test_command_writes_settings_and_picture(
     assert picture.stat().st_size > 10_000
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_json_and_table(heater: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = heater.with_name("tune.csv")
     assert tcdyn("tune", heater, "--json", "--out", out) == 0
@@ -50,6 +52,7 @@ def test_json_and_table(heater: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert table.loc["ms", "high95"] == pytest.approx(content["margins"]["ms"]["high95"])
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_settings_that_are_unstable_give_exit_code_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -61,11 +64,13 @@ def test_settings_that_are_unstable_give_exit_code_one(
     assert "--tau-c-s 30" in message
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_warnings_give_exit_code_one_with_strict(heater: Path) -> None:
     assert tcdyn("tune", heater, "--tau-c-s", 3, "--quiet") == 0
     assert tcdyn("tune", heater, "--tau-c-s", 3, "--quiet", "--strict") == 1
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_wrong_files_and_options_are_refused(
     heater: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,6 +90,7 @@ def test_wrong_files_and_options_are_refused(
     assert tcdyn("tune", heater, "--out", heater) == 2
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_figure_shows_output_and_controller_output_with_bands() -> None:
     tuning = model("P1D", HEATER).tune()
     output, controlled = tuning_figure(tuning).axes

