@@ -28,7 +28,7 @@ def tune(model: Identified | Fit | str | Path, input: str | None = None, **optio
     **options
         The fields of :class:`tcdyn.tuning.TuneOptions`: ``rule`` ("simc" or "robust"),
         ``controller`` ("pi" or "pid"), ``tau_c_s``, ``max_ms``, ``derivative_filter``,
-        ``sample_s``.
+        ``setpoint_weight``, ``sample_s``.
 
     Returns
     -------

@@ -49,6 +49,9 @@ class Controller:
         Time constant of the filter of the derivative [s]; 0 without a derivative.
     sample_s
         Sampling interval of the controller [s]; 0 for a continuous one.
+    setpoint_weight
+        Weight b of the set point in the proportional part, Kp (b setpoint - reading); it changes
+        no margin.
 
     Notes
     -----
@@ -67,6 +70,7 @@ class Controller:
     kd: float = 0.0
     filter_s: float = 0.0
     sample_s: float = 0.0
+    setpoint_weight: float = 1.0
 
     @classmethod
     def from_series(
@@ -104,6 +108,10 @@ class Controller:
     def sampled(self, sample_s: float) -> Controller:
         """The same gains with a sampling interval [s]."""
         return replace(self, sample_s=sample_s)
+
+    def weighted(self, setpoint_weight: float) -> Controller:
+        """The same gains with a weight of the set point."""
+        return replace(self, setpoint_weight=setpoint_weight)
 
     @property
     def ideal(self) -> Form:
@@ -153,7 +161,10 @@ class Controller:
         output = 2 e + I
         """
         lines = ["e = setpoint - reading", f"I = I + {self.ki * self.sample_s:.5g} e"]
+        weight = self.setpoint_weight
         total = f"output = {self.kp:.5g} e + I"
+        if weight != 1:
+            total = f"output = {self.kp:.5g} ({weight:g} setpoint - reading) + I"
         if self.kd:
             lines.append(
                 f"D = {self.derivative_memory:.5g} D - {self.derivative_factor:.5g} "

@@ -32,6 +32,9 @@ class TuneOptions(Options):
         2)
     derivative_filter
         derivative time of the series form over the time constant of its filter
+    setpoint_weight
+        weight of the set point in the proportional part, 0 to 1; less than 1 reduces the overshoot
+        after a step of the set point, and changes no margin
     sample_s
         sampling interval of the controller [s]; prints the difference equation (default:
         continuous)
@@ -42,6 +45,7 @@ class TuneOptions(Options):
     tau_c_s: float | None = option(None, "Model", low=0, high=1e9, ends=False)
     max_ms: float | None = option(None, "Model", low=1, high=10, ends=False)
     derivative_filter: float = option(10.0, "Advanced", low=1, high=1e3)
+    setpoint_weight: float = option(1.0, "Advanced", low=0, high=1)
     sample_s: float | None = option(None, "Model", low=0, high=1e9, ends=False)
 
     def __post_init__(self) -> None:

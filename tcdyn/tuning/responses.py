@@ -192,7 +192,7 @@ def _run(
         reading = (np.einsum("dn,dn->d", steps.c, state) + steps.d * delayed).real
         output[k] = np.clip(reading, -LARGEST, LARGEST)
         if k % period == 0:
-            value = law.output(share * setpoint - output[k], output[k])
+            value = law.output(share * setpoint, output[k])
         controlled[k] = value
         inputs[k + longest] = value + share * load
         delayed = inputs[k - steps.delay + longest, rows]  # now with this step's input
@@ -217,6 +217,7 @@ class _Law:
     def __init__(self, controller: Controller, step_s: float, size: int) -> None:
         """Compute the factors of one call."""
         self.kp = controller.kp
+        self.weight = controller.setpoint_weight
         self.is_sampled = controller.sample_s > 0
         self.integral = np.zeros(size)
         self.derivative = np.zeros(size)
@@ -232,12 +233,14 @@ class _Law:
             self.memory = (double_s - step_s) / (double_s + step_s)
             self.derivative_factor = 2 * controller.kd / (double_s + step_s)
 
-    def output(self, error: Array, reading: Array) -> Array:
-        """Output of the controllers (D,) for errors and readings (D,)."""
+    def output(self, setpoint: Array, reading: Array) -> Array:
+        """Output of the controllers (D,) for set points and readings (D,)."""
+        error = setpoint - reading
         further = error if self.is_sampled else error + self.last_error
         self.integral = self.integral + self.integral_factor * further
         change = reading - self.last_reading
         self.derivative = self.memory * self.derivative - self.derivative_factor * change
         self.last_error = error
         self.last_reading = reading
-        return self.kp * error + self.integral + self.derivative
+        proportional = self.kp * (self.weight * setpoint - reading)
+        return proportional + self.integral + self.derivative

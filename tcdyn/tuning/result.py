@@ -201,6 +201,10 @@ class Tuning(Result):
         if self.plant.unit_of_input == "%":
             band = 100 / abs(c.kp)
             lines.append(f"  proportional band 100 %/Kp: {band:.4g} {self.plant.unit_of_output}")
+        if c.setpoint_weight != 1:
+            lines.append(
+                f"  weight of the set point in the proportional part: {c.setpoint_weight:g}"
+            )
         if c.kd:
             lines.append(
                 f"  Tf {c.filter_s:.5g} s: time constant of the filter of the derivative, which "
@@ -264,6 +268,7 @@ class Tuning(Result):
         c = self.controller
         settings: dict[str, Any] = {
             "gain_unit": self.gain_unit,
+            "setpoint_weight": c.setpoint_weight,
             "parallel": {"Kp": c.kp, "Ki_per_s": c.ki, "Kd_s": c.kd, "Tf_s": c.filter_s},
         }
         for name, form in self.forms.items():

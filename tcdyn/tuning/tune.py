@@ -82,6 +82,7 @@ def tune_plant(plant: Plant, options: TuneOptions) -> Tuning:
         has_derivative = options.controller == "pid"
         ratio = options.derivative_filter
         controller = robust(plant.rational, has_derivative, max_ms, ratio, sample_s)
+    controller = controller.weighted(options.setpoint_weight)
     crossover = crossover_rad_s(plant.rational, controller)
     margins, is_stable = _margins(plant, controller, crossover)
     responses = simulate_loops([plant.rational, *plant.draws], controller, crossover)

@@ -86,6 +86,18 @@ def test_numbers_of_a_response() -> None:
     assert found.rise_s[0] == pytest.approx(1.905, abs=0.05)  # one step
 
 
+@pytest.mark.parametrize("sample_s", [0.0, 0.2])
+def test_a_weight_of_the_set_point_reduces_the_overshoot_and_nothing_else(sample_s: float) -> None:
+    g = plant(1, [], 1, integrators=1)
+    full = Controller.from_ideal(0.5, 8).sampled(sample_s)
+    half = full.weighted(0.5)
+    first, second = responses_of(g, full), responses_of(g, half)
+    assert second.overshoot_percent[0] < 0.5 * first.overshoot_percent[0]
+    assert second.setpoint[0, -1] == pytest.approx(1, abs=0.01)
+    np.testing.assert_array_equal(first.load, second.load)
+    assert "0.5 (0.5 setpoint - reading)" in half.difference_equation()[-1]
+
+
 def test_an_unstable_loop_is_cut_off() -> None:
     found = responses_of(plant(1, [8], 1), Controller.from_ideal(100, 8))
     assert np.isfinite(found.setpoint).all()

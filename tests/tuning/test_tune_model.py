@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +15,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.identification import Identified, from_control, process, several, tune
 from tcdyn.tuning.tune import MAX_UNSTABLE_SHARE
 from tests.tuning.tuning_cases import HEATER, model
+
+PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("few_draws")
@@ -41,6 +46,21 @@ def test_json_of_the_result_has_every_form() -> None:
     assert settings["sampled"]["integral_factor"] == pytest.approx(2 * c.ki)
     assert content["reduced_model"]["dead_time_s"] == pytest.approx(16.0)  # half a sample more
     assert content["draws"] == 500
+
+
+@pytest.mark.usefixtures("few_draws")
+def test_every_key_is_documented() -> None:
+    section = PAGE.partition("## `tune.json`")[2].partition("\n## ")[0]
+    tuning = tune(model("P1D", HEATER), sample_s=1.0)
+
+    def keys(data: Any) -> Iterator[str]:
+        if isinstance(data, dict):
+            for key, value in data.items():
+                yield key
+                if key != "findings":
+                    yield from keys(value)
+
+    assert [key for key in keys(tuning.to_dict()) if f"`{key}`" not in section] == []
 
 
 @pytest.mark.usefixtures("few_draws")
