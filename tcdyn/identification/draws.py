@@ -19,7 +19,7 @@ from tcdyn.identification.responses import Dynamics
 # Draws: the 2.5 % quantile is that of twelve of them, and its probability is known to 0.7 %.
 N_DRAWS = 500
 SEED = 2003  # any fixed number: the same model has the same draws
-MAX_ROUNDS = 20  # of draws again, in place of unstable ones: 5 % stable ones suffice
+MAX_ROUNDS = 50  # of draws again, in place of impossible ones: 10 % possible ones suffice
 
 
 @dataclass(frozen=True)
@@ -56,22 +56,21 @@ def draw_models(model: Dynamics, count: int = N_DRAWS) -> tuple[tuple[Rational, 
     draws
         The transfer functions; none for a model without uncertainty.
     redrawn_share
-        Share of draws that were unstable, and were drawn again.
+        Share of draws that were impossible, and were drawn again.
 
     Raises
     ------
     InputError
-        For a covariance that is not finite, and where nearly all draws are unstable.
+        For a covariance that is not finite, and where nearly all draws are impossible.
 
     Notes
     -----
-    The fit searches positive parameters (lags, damping ratio) by their logarithms, in which the
-    covariance is that of a normal distribution. They are drawn in it: theta exp(d/theta), with d of
-    the normal distribution, or mixture, of the natural parameters. So they stay positive. Gains,
-    zeros and coefficients are drawn as they are. The dead time gets the uncertainty of the time of
-    the output besides; a negative one is set to zero. A record that was identified with bounded
-    outputs is not that of an unstable system: unstable draws, which coefficients of a transfer
-    function may give, are drawn again.
+    The parameters are drawn from their normal distribution, or mixture. Impossible draws are drawn
+    again: a lag, damping ratio or dead time that is not positive, or poles in the right half plane,
+    since a record that was identified with bounded outputs is not that of an unstable plant. This
+    is the normal distribution under the condition that the model is possible. It keeps what the
+    record determines well, such as the sum of two lags of which each is uncertain; logarithms of
+    the lags would not. The dead time gets the uncertainty of the time of the output besides.
 
     Examples
     --------
@@ -95,18 +94,18 @@ def draw_models(model: Dynamics, count: int = N_DRAWS) -> tuple[tuple[Rational, 
     for _ in range(MAX_ROUNDS):
         found = [_draw(model, parts, rng) for _ in range(count - len(draws))]
         n_drawn += len(found)
-        draws += [each for each in found if each.is_stable]
+        draws += [each for each in found if each is not None]
         if len(draws) == count:
             return tuple(draws), 1 - count / n_drawn
     raise InputError(
-        f"{100 * (1 - len(draws) / n_drawn):.0f} % of the models that the record permits are "
-        f"unstable: the record does not determine {model.model.name}",
+        f"{100 * (1 - len(draws) / n_drawn):.0f} % of the draws from the distribution of "
+        f"{model.model.name} have a negative lag or are unstable: the record does not determine it",
         remedy="identify a model with fewer parameters, or from a longer record",
     )
 
 
-def _draw(model: Dynamics, parts: Sequence[_Part], rng: np.random.Generator) -> Rational:
-    """One transfer function.
+def _draw(model: Dynamics, parts: Sequence[_Part], rng: np.random.Generator) -> Rational | None:
+    """One transfer function; None for an impossible one.
 
     Parameters
     ----------
@@ -119,16 +118,15 @@ def _draw(model: Dynamics, parts: Sequence[_Part], rng: np.random.Generator) -> 
     """
     part = parts[int(rng.choice(len(parts), p=[each.weight for each in parts]))]
     change = part.mean + part.factor @ rng.standard_normal(len(part.mean))
+    late_s = model.timing_u_s * rng.standard_normal()
     theta = dict(model.theta)
     for name, difference in zip(model.model.free, change):
-        value = theta[name]
-        if model.model.is_positive(name):
-            theta[name] = float(value * np.exp(difference / value))
-        else:
-            theta[name] = float(value + difference)
+        theta[name] = float(theta[name] + difference)
+        if theta[name] <= 0 and model.model.is_positive(name):
+            return None
     g = model.model.rational(theta)
-    late_s = model.timing_u_s * rng.standard_normal()
-    return replace(g, delay_s=max(g.delay_s + late_s, 0.0))
+    drawn = replace(g, delay_s=g.delay_s + late_s)
+    return drawn if drawn.delay_s >= 0 and drawn.is_stable else None
 
 
 def _parts(model: Dynamics) -> list[_Part]:

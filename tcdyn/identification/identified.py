@@ -70,6 +70,8 @@ MAX_CORRELATIONS = 6  # correlations of parameters in the summary, the strongest
 # p of the test of residuals with the input, below which dynamics are missing, and no disturbance
 # model is fitted; chosen by judgement.
 DRIVEN_P = 1e-3
+# Findings about single parameters, whose uncertainty is that of the draws.
+IN_DRAWS = ("fit.undetermined", "fit.open_interval", "fit.twin")
 MAX_ZERO_RATIO = 1e-12  # coefficient over the largest, below which it is zero
 
 
@@ -321,7 +323,11 @@ class Identified(Dynamics, Result):
             )
         name = names[0] if input is None else column_named(input, names, "the model")
         branch = self.by_input[name]
-        troubles = [finding.sentence for finding in warnings_and_errors(self.findings)]
+        troubles = [
+            finding.sentence
+            for finding in warnings_and_errors(self.findings)
+            if finding.code not in IN_DRAWS
+        ]
         if self.statistics.get("p_input", 1.0) < DRIVEN_P and self.sentence:
             troubles.append(self.sentence)
         draws, redrawn_share = draw_models(branch, N_DRAWS)

@@ -116,7 +116,8 @@ class Controller:
     @property
     def ideal(self) -> Form:
         """The ideal form."""
-        return Form(self.kp, self.kp / self.ki, self.kd / self.kp)
+        derivative_s = self.kd / self.kp if self.kd else 0.0  # not -0
+        return Form(self.kp, self.kp / self.ki, derivative_s)
 
     @property
     def series(self) -> Form | None:
@@ -128,7 +129,7 @@ class Controller:
         zero is no complex pair.
         """
         total_s = self.kp / self.ki + self.filter_s
-        product_s2 = (self.kd + self.kp * self.filter_s) / self.ki
+        product_s2 = (self.kd + self.kp * self.filter_s) / self.ki if self.kd else 0.0
         discriminant = total_s**2 - 4 * product_s2
         if discriminant < -1e-12 * total_s**2:
             return None

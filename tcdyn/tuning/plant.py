@@ -34,7 +34,8 @@ class Plant:
     dt_s
         Sampling interval of the record [s]; 0 without a record.
     redrawn_share
-        Share of draws that were unstable without a controller, and so were drawn again.
+        Share of draws that were impossible (a negative lag or dead time, or unstable without a
+        controller), and so were drawn again.
     troubles
         Why the model is not to be relied on.
     """

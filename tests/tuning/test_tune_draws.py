@@ -34,9 +34,22 @@ def test_draws_are_the_same_each_time() -> None:
 
 
 def test_lags_and_dead_times_stay_positive_however_uncertain() -> None:
-    draws, _ = draw_models(model("P2D", {**HEATER, "Tp2": 5.0}, relative_u=2.0))
+    draws, redrawn = draw_models(model("P2D", {**HEATER, "Tp2": 5.0}, relative_u=2.0))
     assert all(f.coefs[1] > 0 for d in draws for f in d.factors)
-    assert min(d.delay_s for d in draws) == 0
+    assert min(d.delay_s for d in draws) >= 0
+    # three of them, each positive in Phi(0.5) of the draws
+    assert 1 - redrawn == pytest.approx(0.6915**3, abs=0.05)
+
+
+def test_a_sum_of_lags_that_is_determined_stays_so() -> None:
+    """Each of two lags and the dead time may be anything; their sum is known to 1 %."""
+    structure = process("P2D")
+    theta = {"Kp": 1.0, "Tp1": 50.0, "Tp2": 10.0, "Td": 8.0}
+    direction = np.array([0.0, 5.0, -12.0, 7.0])
+    covariance = np.outer(direction, direction) + np.diag([1e-6, 0.1, 0.1, 0.1])
+    draws, _ = draw_models(Identified.of(structure, theta, covariance))
+    assert np.std([d.factors[1].coefs[1] for d in draws]) > 4
+    assert np.std([d.lag_s for d in draws]) < 0.7
 
 
 def test_damping_of_a_pair_stays_positive() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tcdyn.core.findings import Severity, error, info
+from tcdyn.core.findings import Severity, error, info, warning
 from tcdyn.core.messages.tune import TUNE
 from tcdyn.identification import tune
 from tests.tuning.tuning_cases import HEATER, model
@@ -76,6 +76,8 @@ def test_residuals_that_follow_the_input_are_a_trouble_of_the_model() -> None:
     assert sentence in doubtful.plant().troubles
     clean = model("P1D", HEATER, statistics={"p_input": 0.5}, sentence="Residuals are white")
     assert clean.plant().troubles == ()
+    unsure = warning("fit.undetermined", subject="Tp2", u=3.0, value=4.0)
+    assert model("P1D", HEATER, findings=(unsure,)).plant().troubles == ()
     noted = model("P1D", HEATER, findings=(info("from_file", text="a note"),))
     assert noted.plant().troubles == ()
 
