@@ -138,7 +138,7 @@ REFERENCE_PAGES = {  # heading of a page of internals, and the modules or packag
     "chain": ["tcdyn.chain"],
     "heat": ["tcdyn.heat"],
     "smoothing": ["tcdyn.smoothing"],
-    "identification": ["tcdyn.identification"],
+    "identification": ["tcdyn.identification", "tcdyn.tuning"],
     "sensors": ["tcdyn.sensors"],
     "partition": ["tcdyn.partition", "tcdyn.campaign"],
     "design": ["tcdyn.design", "tcdyn.simulate", "tcdyn.verify"],

@@ -131,6 +131,7 @@ _SUBPACKAGES = (
     "sensors",
     "simulate",
     "smoothing",
+    "tuning",
     "verify",
     "workflows",
 )

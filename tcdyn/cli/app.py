@@ -30,6 +30,7 @@ from tcdyn.cli.identify import identify, response
 from tcdyn.cli.inspect import inspect
 from tcdyn.cli.stop_signals import stop_signals
 from tcdyn.cli.streams import message_stream, result_stream
+from tcdyn.cli.tune import tune
 from tcdyn.cli.verify import verify
 from tcdyn.cli.view import view
 from tcdyn.core.errors import InputError, printable
@@ -100,6 +101,7 @@ app.command("inspect", rich_help_panel=ANY_THERMOCOUPLE)(inspect)
 app.command("view", rich_help_panel=ANY_THERMOCOUPLE)(view)
 app.command("identify", rich_help_panel=IDENTIFICATION)(identify)
 app.command("response", rich_help_panel=IDENTIFICATION)(response)
+app.command("tune", rich_help_panel=IDENTIFICATION)(tune)
 app.add_typer(rig, name="rig", rich_help_panel=TWO_DISK_RIG)
 app.command("demo", rich_help_panel=TOOLS)(simulate.demo)
 app.add_typer(simulate.app, name="simulate", rich_help_panel=TOOLS)

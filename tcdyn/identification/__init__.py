@@ -48,7 +48,9 @@ from tcdyn.identification.prediction import Prediction, predict
 from tcdyn.identification.recordings import from_csv, from_frame
 from tcdyn.identification.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identification.search import Fit
+from tcdyn.identification.tuning import tune
 from tcdyn.identification.validation import Validation, confirm, validate
+from tcdyn.tuning import Tuning
 
 __all__ = [
     "CANDIDATES",
@@ -62,6 +64,7 @@ __all__ = [
     "Prediction",
     "Response",
     "Run",
+    "Tuning",
     "Validation",
     "best_response_fit",
     "bode_band",
@@ -91,5 +94,6 @@ __all__ = [
     "step_band",
     "step_input",
     "transfer",
+    "tune",
     "validate",
 ]

@@ -33,16 +33,20 @@ from tcdyn.core.errors import (
     first_validation_error,
 )
 from tcdyn.core.estimate import Estimate, mixture, rounded_texts
-from tcdyn.core.findings import Finding, labelled_messages, warning
+from tcdyn.core.findings import Finding, labelled_messages, warning, warnings_and_errors
 from tcdyn.core.labels import common_index
+from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, estimates_frame, jsonable
 from tcdyn.estimation.noise_average import MixturePart
+from tcdyn.identification.draws import N_DRAWS, draw_models
 from tcdyn.identification.holds import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, base_name, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
+from tcdyn.io.column_names import column_named
 from tcdyn.io.stored import IDENTIFIED, check_schema, read_json
 from tcdyn.rig.disk import Conditioning
 from tcdyn.series.index import even_interval_s
+from tcdyn.tuning import Plant, TuneOptions, Tuning, tune_plant
 
 if TYPE_CHECKING:
     import control
@@ -63,6 +67,11 @@ PLAIN_KEYS = (
     "sentence",
 )
 MAX_CORRELATIONS = 6  # correlations of parameters in the summary, the strongest
+# p of the test of residuals with the input, below which dynamics are missing, and no disturbance
+# model is fitted; chosen by judgement.
+DRIVEN_P = 1e-3
+# Findings about single parameters, whose uncertainty is that of the draws.
+IN_DRAWS = ("fit.undetermined", "fit.open_interval", "fit.twin")
 MAX_ZERO_RATIO = 1e-12  # coefficient over the largest, below which it is zero
 
 
@@ -285,6 +294,82 @@ class Identified(Dynamics, Result):
         summation = control.ss([], [], [], np.ones((1, len(systems))))
         system = summation * control.append(*systems)
         return control.ss(system, inputs=list(self.by_input), outputs=[self.output_name])
+
+    def plant(self, input: str | None = None) -> Plant:
+        """What a controller controls: the model behind one input, with draws of its parameters.
+
+        Parameters
+        ----------
+        input
+            Name of the input, with or without its unit; needed for several.
+
+        Returns
+        -------
+        Plant
+            The plant.
+
+        Raises
+        ------
+        InputError
+            For another input, and for several without a name.
+        """
+        names = list(self.by_input)
+        if input is None and len(names) > 1:
+            raise InputError(
+                f"the model has the inputs {', '.join(names)}",
+                expected="the name of the one that the controller sets",
+                remedy="give {input}",
+                parameters={"input": names[0]},
+            )
+        name = names[0] if input is None else column_named(input, names, "the model")
+        branch = self.by_input[name]
+        troubles = [
+            finding.sentence
+            for finding in warnings_and_errors(self.findings)
+            if finding.code not in IN_DRAWS
+        ]
+        if self.statistics.get("p_input", 1.0) < DRIVEN_P and self.sentence:
+            troubles.append(self.sentence)
+        draws, redrawn_share = draw_models(branch, N_DRAWS)
+        units = self.input_unit.split(", ")
+        return Plant(
+            rational=branch.rational,
+            draws=draws,
+            model_name=branch.model.name,
+            input_name=name,
+            output_name=self.output_name,
+            input_unit=units[names.index(name)] if len(units) == len(names) else "",
+            output_unit=self.output_unit,
+            dt_s=self.dt_s,
+            redrawn_share=redrawn_share,
+            troubles=tuple(dict.fromkeys(troubles)),
+        )
+
+    def tune(self, input: str | None = None, **options: Any) -> Tuning:
+        """Settings of a PI or PID controller for the model, see :func:`tcdyn.identification.tune`.
+
+        Parameters
+        ----------
+        input
+            Name of the input that the controller sets; needed for several.
+        **options
+            The fields of :class:`tcdyn.tuning.TuneOptions`.
+
+        Returns
+        -------
+        Tuning
+            Settings, margins and responses, with their ranges over the model's distribution.
+
+        Examples
+        --------
+        >>> from tcdyn.identification import process
+        >>> theta = {"Kp": 2.0, "Tp1": 80.0, "Td": 10.0}
+        >>> model = Identified.of(process("P1D"), theta, np.diag([0.01, 16.0, 1.0]))
+
+        >>> model.tune().controller.ideal.gain
+        2.0
+        """
+        return tune_plant(self.plant(input), options_of(TuneOptions, options, "tune"))
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain.

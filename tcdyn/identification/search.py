@@ -37,6 +37,7 @@ from tcdyn.identification.models import Model, base_name, input_suffix, same_inp
 from tcdyn.identification.problem import IdentificationProblem, Initial
 from tcdyn.identification.segments import MIN_SEGMENT_SAMPLES, input_noise_sd, split_segments
 from tcdyn.identification.starting_values import starts
+from tcdyn.tuning import Tuning
 
 # Settings of the search, chosen by judgement.
 N_STARTS = 4  # short descents
@@ -126,6 +127,18 @@ class Fit(Result):
     def to_dict(self) -> dict[str, Any]:
         """The identified model as in its JSON file."""
         return self.identified.to_dict()
+
+    def tune(self, input: str | None = None, **options: Any) -> Tuning:
+        """Settings of a controller for the model, see :func:`tcdyn.identification.tune`.
+
+        Parameters
+        ----------
+        input
+            Name of the input that the controller sets; needed for several.
+        **options
+            The fields of :class:`tcdyn.tuning.TuneOptions`.
+        """
+        return self.identified.tune(input, **options)
 
     def to_frame(self) -> pd.DataFrame:
         """Parameters, lag and percent times, see :meth:`Identified.to_frame`."""

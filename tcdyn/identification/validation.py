@@ -38,6 +38,7 @@ from tcdyn.estimation import (
 )
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identification.clock_drift import clock_column, clock_findings
+from tcdyn.identification.identified import DRIVEN_P
 from tcdyn.identification.iodata import IOData
 from tcdyn.identification.problem import IdentificationProblem
 from tcdyn.identification.search import Fit, make_problem
@@ -46,8 +47,6 @@ from tcdyn.identification.segments import Segment
 # Thresholds, chosen by judgement.
 # Correlation of residuals with time that is a drift: a quarter of their variance is a line.
 MIN_DRIFT_CORRELATION = 0.5
-# p of the input test below which dynamics are missing, and no disturbance model is fitted.
-DRIVEN_P = 1e-3
 # Fit of the output without the disturbance [%] below which the disturbance may replace dynamics.
 LITTLE_FIT_PERCENT = 25.0
 # p of the test with future inputs below which no model is recommended.

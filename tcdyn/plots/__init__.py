@@ -56,6 +56,7 @@ from tcdyn.plots.plunge import (
     draw_plunge_residuals,
 )
 from tcdyn.plots.transient import draw_inverse_check, draw_junctions, draw_window_study
+from tcdyn.plots.tune import draw_tuning
 
 __all__ = [
     "draw",
@@ -99,6 +100,7 @@ __all__ = [
     "draw_step",
     "draw_temperatures",
     "draw_touches",
+    "draw_tuning",
     "draw_unloading",
     "draw_window_study",
 ]

@@ -42,6 +42,7 @@ from tcdyn.plots.inspect import draw_inspected
 from tcdyn.plots.partition import draw_beta_estimates
 from tcdyn.plots.plunge import draw_common_lag, draw_design, draw_holes
 from tcdyn.plots.style import DARK, axes_of, screen_rows, style_axes
+from tcdyn.plots.tune import draw_tuning
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log, read_log
 from tcdyn.rig.record import DiskRecord
@@ -51,6 +52,7 @@ from tcdyn.sensors.touch import TouchLog
 from tcdyn.simulate.campaign import CampaignFiles
 from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.record import Compensated
+from tcdyn.tuning import Tuning
 from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun, Inspection
 from tcdyn.workflows.campaign import CampaignRun
 
@@ -145,6 +147,7 @@ PICTURES: dict[type, Callable[..., Axes]] = {
     CampaignFiles: draw_log,
     Rig: draw_table,
     SensorHistory: draw_history,
+    Tuning: draw_tuning,
     SensorComparison: draw_table,
     TouchLog: draw_table,
     RecordComparison: draw_table,

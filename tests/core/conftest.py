@@ -71,6 +71,7 @@ def quick_results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             fitted.identified,
             tcdyn.compare(data, ["P1", "P1D"]),
             validate(fitted),
+            fitted.tune(),
             step_band(fitted.identified),
             bode_band(fitted.identified),
             spectral_estimate(data),

@@ -24,6 +24,7 @@ from tcdyn.core.messages.plunge import PLUNGE
 from tcdyn.core.messages.sensors import OTHER_SENSOR, SENSOR
 from tcdyn.core.messages.series import SERIES
 from tcdyn.core.messages.traces import COMPENSATE, OTHER_TRACE, PIPELINE, TRACES
+from tcdyn.core.messages.tune import TUNE
 
 # a message read from a file that has no codes
 FROM_FILES: dict[str, Message] = {"from_file": "{text}"}
@@ -43,6 +44,7 @@ MESSAGES: dict[str, Message] = {
     **CAMPAIGN,
     **SENSOR,
     **SERIES,
+    **TUNE,
 }
 # Messages about another quantity than temperature, where that about one speaks of heat.
 OTHER_QUANTITY: dict[str, Message] = {**OTHER_SENSOR, **OTHER_TRACE}
