@@ -330,6 +330,11 @@ class Identified(Dynamics, Result):
         ]
         if self.statistics.get("p_input", 1.0) < DRIVEN_P and self.sentence:
             troubles.append(self.sentence)
+        if any(finding.code == "model.without_sensor" for finding in self.findings):
+            troubles.append(
+                "The model is the plant without its sensor, and the controller sees the reading: "
+                "identify the plant with its sensor."
+            )
         draws, redrawn_share = draw_models(branch, N_DRAWS)
         units = self.input_unit.split(", ")
         return Plant(

@@ -136,3 +136,9 @@ def test_a_filter_is_given_once(tmp_path: Path) -> None:
     filtered = file.model_copy(update={"conditioning": Conditioning(0.5, 2)})
     with pytest.raises(InputError, match="cutoff_Hz"):
         identify(table(tmp_path), "heater", "T", model="P1D", sensor=filtered, cutoff_Hz=1.0)
+
+
+def test_settings_for_a_plant_without_its_sensor_come_with_a_warning() -> None:
+    comparison = compare(record(), "P1D", sensor=Chain(SENSOR_S), **OPTIONS)
+    codes = [finding.code for finding in comparison.best.tune().findings]
+    assert "tune.model" in codes
