@@ -315,13 +315,13 @@ def best_log_probability(
     return max(found)
 
 
-def kernel(distance: NDArray[np.int_], width: float) -> Array:
-    """Probability of whole distances under a normal distribution of standard deviation ``width``.
+def kernel(distance: NDArray[np.int_], sd: float) -> Array:
+    """Probability of whole distances under a normal distribution of standard deviation ``sd``.
 
     >>> round(float(kernel(np.arange(-50, 51), 3.0).sum()), 6)
     1.0
     """
-    return np.asarray(ndtr((distance + 0.5) / width) - ndtr((distance - 0.5) / width))
+    return np.asarray(ndtr((distance + 0.5) / sd) - ndtr((distance - 0.5) / sd))
 
 
 def geometric_log_likelihood(times: NDArray[np.int_]) -> float:
