@@ -43,7 +43,9 @@ from tcdyn.identification.holds import Holds, hold_of_each, hold_text
 from tcdyn.identification.models import KnownDynamics, Model, base_name, several, transfer
 from tcdyn.identification.responses import Dynamics, percent_times
 from tcdyn.io.column_names import column_named
+from tcdyn.io.endings import JSON, check_ending
 from tcdyn.io.stored import IDENTIFIED, check_schema, read_json
+from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning
 from tcdyn.series.index import even_interval_s
 from tcdyn.tuning import Plant, TuneOptions, Tuning, tune_plant
@@ -486,6 +488,27 @@ class Identified(Dynamics, Result):
     def to_json(self) -> str:
         """The complete model as JSON text; :meth:`from_json` reads it."""
         return json.dumps(self.to_dict(), indent=2)
+
+    def write(self, path: str | Path) -> Path:
+        """Write the model as a JSON file, which :func:`read_identified` reads.
+
+        Parameters
+        ----------
+        path
+            The file; its ending is .json, as in heater.identified.json.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            For another ending, and a file that cannot be written.
+        """
+        check_ending(path, JSON)
+        return write_text(path, self.to_json() + "\n")
 
     def to_dict(self) -> dict[str, Any]:
         """The model as in its JSON file.

@@ -660,12 +660,25 @@ def _pole_parameters(model: Model) -> list[str]:
 
 
 def as_model(model: Model | str) -> Model:
-    """A Model as it is; a name ("P2D", "TF(1,2)D", "ARX(2,2)") as the model of that name."""
+    """A Model as it is; a name ("P2D", "TF(1,2)D", "ARX(2,2)") as the model of that name.
+
+    Raises
+    ------
+    InputError
+        For a name of no model.
+    """
     if isinstance(model, Model):
         return model
     if model == NO_MODEL:
         return Model(NO_MODEL, "process", ("Kp",), fixed={"Kp": 0.0})
     match = re.match(r"^(TF|ARX)\((\d),(\d)\)(D?)(I?)$", model.replace(" ", ""))
+    if match is None and not model.startswith("P"):
+        raise InputError(
+            f"there is no model {model!r}",
+            expected="a process model such as P1D or P2DZ, TF(zeros,poles) or ARX(zeros,poles), "
+            "with D for a dead time, such as TF(1,2)D",
+            remedy="for an output error model OE use TF, whose noise is that of the output",
+        )
     if match is None:
         return process(model)
     options = {"arx": True} if match[1] == "ARX" else {}

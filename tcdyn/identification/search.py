@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -127,6 +128,10 @@ class Fit(Result):
     def to_dict(self) -> dict[str, Any]:
         """The identified model as in its JSON file."""
         return self.identified.to_dict()
+
+    def write(self, path: str | Path) -> Path:
+        """Write the identified model as a JSON file, see :meth:`Identified.write`."""
+        return self.identified.write(path)
 
     def tune(self, input: str | None = None, **options: Any) -> Tuning:
         """Settings of a controller for the model, see :func:`tcdyn.identification.tune`.

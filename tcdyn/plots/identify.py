@@ -21,6 +21,7 @@ from tcdyn.identification.iodata import IOData
 from tcdyn.identification.responses import (
     PERCENT_TIMES,
     Band,
+    BodeBand,
     Root,
     bode_band,
     percent_times,
@@ -275,14 +276,14 @@ def draw_step(model: Identified, ax: Axes | None = None) -> Axes:
 
 
 def draw_bode(
-    model: Identified, magnitude: Axes | None = None, phase: Axes | None = None
+    model: Identified | BodeBand, magnitude: Axes | None = None, phase: Axes | None = None
 ) -> tuple[Axes, Axes]:
     """Plot magnitude and phase with their 95 % bands.
 
     Parameters
     ----------
     model
-        An identified model with one input.
+        An identified model with one input, or its :func:`~tcdyn.identification.bode_band`.
     magnitude, phase
         Axes to plot into; None: those of a new figure.
 
@@ -293,7 +294,7 @@ def draw_bode(
     """
     if magnitude is None or phase is None:
         magnitude, phase = figure(2)[1]
-    bode = bode_band(model)
+    bode = model if isinstance(model, BodeBand) else bode_band(model)
     draw_band(bode.magnitude_dB, magnitude)
     draw_band(bode.phase_deg, phase)
     for ax, y in ((magnitude, "magnitude [dB]"), (phase, "phase [deg]")):

@@ -4,6 +4,7 @@ prediction, nonparametric estimates and test inputs."""
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import control
@@ -33,6 +34,8 @@ from tcdyn.identification import (
     step_input,
     transfer,
 )
+from tcdyn.identification.identified import read_identified
+from tcdyn.identification.models import as_model
 from tcdyn.identification.nonparametric import hold_response
 from tests.identify.identify_cases import static_gain
 
@@ -493,3 +496,16 @@ def test_resampling_to_a_shorter_interval_holds_the_held_input_only() -> None:
     data = IOData.from_arrays(u, u[:, 0], 1.0, hold=("zoh", "foh")).resample(0.5)
     assert data.runs[0].u.T.tolist() == [[0, 0, 1, 1, 2], [0, 0.5, 1, 1.5, 2]]
     assert data.holds == ("zoh", "foh")
+
+
+def test_a_model_is_written_and_read_again(tmp_path: Path) -> None:
+    model = from_control(control.tf([2.0], [0.75, 1.0]), delay_s=0.1)
+    path = model.write(tmp_path / "heater.identified.json")
+    assert read_identified(path).theta == model.theta
+    with pytest.raises(InputError):
+        model.write(tmp_path / "heater.csv")
+
+
+def test_names_of_models_of_other_tools_are_refused_with_those_of_this_one() -> None:
+    with pytest.raises(InputError, match=r"TF\(zeros,poles\)"):
+        as_model("OE(2,2,1)")
