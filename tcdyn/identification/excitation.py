@@ -107,13 +107,16 @@ def _change_over(y: Array, period: int) -> float:
 
 
 def period_of_sine(segments: Sequence[Segment], dt_s: float) -> float | None:
-    """Period of the input [s] where it is one sine in the longest segment, else None."""
+    """Period of the input [s] where it is one sine in the longest segment, else None.
+
+    The segment contains at least a period: a single step may resemble a part of one.
+    """
     u = np.ravel(max((s.u for s in segments), key=len))
     v = u - u.mean()
     power = np.abs(np.fft.rfft(v, PADDING * len(v))) ** 2
     peak = int(np.argmax(power))
     share = 2 * float(power[peak]) / max(len(v) * float(v @ v), 1e-300)
-    return PADDING * len(v) * dt_s / peak if peak and share > MIN_SHARE_OF_SINE else None
+    return PADDING * len(v) * dt_s / peak if peak >= PADDING and share > MIN_SHARE_OF_SINE else None
 
 
 def _own_shares(inputs: Array) -> Array:

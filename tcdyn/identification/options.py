@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 from tcdyn.chain.known_filter import FilterOptions
@@ -107,7 +108,7 @@ class IdentifyOptions(FilterOptions, RecordOptions):
     """
 
     model: str | Sequence[str] = option((), "Model", short="-m", takes=list[str])
-    sensor: Any = option(None, "Sensor", takes=str)
+    sensor: Any = option(None, "Sensor", takes=Path)
     gain: float | None = option(None, "Model", low=-LARGEST, high=LARGEST)
     no_offset: bool = option(False, "Model")
     initial: Initial | None = option(None, "Model", choices=get_args(Initial), takes=str)

@@ -144,7 +144,7 @@ def identify(
     known_filter = settings.conditioning
     record = _read_record(data, inputs, outputs, settings)
     names = list(record.input_names)  # with the units that the file states
-    sensors = None if settings.sensor is None else sensor_files(settings.sensor)
+    sensors = None if settings.sensor is None else sensor_files(_given_sensor(settings.sensor))
     known = known_filter if sensors is None else NO_CONDITIONING
     models = [_model(name, names, settings, known) for name in settings.models]
     fit_settings = settings.fit_settings
@@ -163,6 +163,11 @@ def identify(
         if done is not None:
             done(column, results[column])
     return results
+
+
+def _given_sensor(given: Any) -> Any:
+    """The sensor that a caller gave; the command gives a lag such as 25+-1 as a path."""
+    return str(given) if isinstance(given, Path) else given
 
 
 def _sensor_of(files: Sequence[SensorFile], column: str, known_filter: Conditioning) -> KnownSensor:

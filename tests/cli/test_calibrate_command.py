@@ -293,6 +293,7 @@ def test_fluids_are_given_once_or_once_for_each_plunge(
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [f.plunges["fast"][0]] * 3, fluids)
 
 
+@pytest.mark.e2e
 def test_a_plunge_saved_again_in_another_dialect_is_still_the_same_plunge(
     campaign: Campaign, tmp_path: Path
 ) -> None:

@@ -174,6 +174,7 @@ def test_finished_logs_are_not_analysed_again(
         assert run_again([log], campaign, done[0], **changed).failed  # it was asked for again
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_an_altered_answer_is_not_kept(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -287,6 +288,7 @@ def test_interchanged_channels_are_compared_by_the_maps_of_both_tests(
     assert "expected two junctions" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_another_log_of_the_same_name_is_analysed_again(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,6 +300,7 @@ def test_another_log_of_the_same_name_is_analysed_again(
     assert [o.error for o in run_again([other], campaign, done[0]).failed] == ["called"]
 
 
+@pytest.mark.long
 def test_all_logs_bad_is_exit_2_and_still_a_table(
     campaign: Campaign, bad_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

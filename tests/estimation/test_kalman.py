@@ -170,6 +170,7 @@ CASES = {
 }
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", CASES)
 def test_smoother_and_likelihood_equal_dense_algebra(name: str) -> None:
     model = CASES[name]

@@ -51,6 +51,7 @@ def test_a_drift_is_found_below_slow_noise() -> None:
     assert abs(found - 3e-4) < 3 * u
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("kind", ["white", "ar", "drift"])
 def test_one_clock_gives_no_warning(kind: str) -> None:
     data = two_loggers(0.0, N, 1.0, noise_of(kind, N, 0.2, 0), 0)
@@ -70,12 +71,14 @@ def test_false_alarms_are_rare(kind: str) -> None:
     assert alarms <= 1
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("change", [0.1, 0.3])
 def test_a_lag_that_changes_is_no_clock(change: float) -> None:
     noise = noise_of("white", N, 0.2, 0)
     assert not has_warning(fit(changing_lag(N, 1.0, noise, 0, change), "P1D"))
 
 
+@pytest.mark.e2e
 def test_missing_dynamics_are_no_clock() -> None:
     switches_s, levels = switching_times(N, 1.0, 3)
     times_s = np.arange(N, dtype=float)
@@ -89,6 +92,7 @@ def test_missing_dynamics_are_no_clock() -> None:
     assert not has_warning(result)
 
 
+@pytest.mark.e2e
 def test_a_saturating_gain_is_no_clock() -> None:
     switches_s, levels = switching_times(N, 1.0, 0)
     times_s = np.arange(N, dtype=float)
@@ -98,6 +102,7 @@ def test_a_saturating_gain_is_no_clock() -> None:
     assert not has_warning(fit(data, "P1D"))
 
 
+@pytest.mark.e2e
 def test_the_drift_counts_against_the_recommendation() -> None:
     data = two_loggers(3e-4, N, 1.0, noise_of("white", N, 0.2, 5), 5)
     result = compare(data, "P1D", "P2D")
@@ -106,6 +111,7 @@ def test_the_drift_counts_against_the_recommendation() -> None:
     assert "clocks" in result.summary()
 
 
+@pytest.mark.e2e
 def test_two_inputs_of_one_logger_give_one_rate() -> None:
     rate = 3e-4
     stamps_s = np.arange(N, dtype=float)

@@ -44,6 +44,7 @@ def test_the_heat_of_a_current_names_its_square(seed: int) -> None:
     assert compare(heat, "P1", "P1D", **PLAIN).recommended == "P1"
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("seed", range(4))
 def test_linear_plants_and_cubes_are_not_named(seed: int) -> None:
     u = current(seed)
@@ -57,6 +58,7 @@ def test_an_input_of_one_sign_is_not_examined() -> None:
     assert not has_both_signs(IOData.from_arrays(u - 1.0, one_lag(u**2, 0), DT_S), 0)
 
 
+@pytest.mark.e2e
 def test_one_of_several_inputs_is_named() -> None:
     u = np.column_stack([current(1), current(2)])
     y = one_lag(0.2 * u[:, 0] + 0.01 * u[:, 1] ** 2, 1)

@@ -102,6 +102,7 @@ def test_advice_offers_no_chain_of_a_model_that_misses_dynamics():
     assert "Chain(" in compare(data, ["P2D"], **PLAIN).lag_removal_advice()
 
 
+@pytest.mark.e2e
 def test_robust_loss_gives_no_false_alarms():
     """The lagged inputs must be weighted as the residuals are; otherwise 20 of 30 runs warn of
     missing dynamics."""

@@ -68,6 +68,7 @@ def test_stepwise_inputs_are_held_and_ambiguous_rounding_gives_a_warning():
     assert [f.subject for f in two_inputs.select("ramp").findings] == ["ramp"]
 
 
+@pytest.mark.e2e
 def test_models_of_equal_name_are_numbered_and_a_repeated_model_is_compared_once():
     u = np.repeat(np.random.default_rng(1).choice([0.0, 1.0], 30), 20)
     y = simulate(process("P1D").rational({"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}), u, 0.1, "zoh")

@@ -285,6 +285,7 @@ def record_with_gaps(n: int = 600) -> IOData:
     return from_frame(frame.drop(index=lost), input="u", output="y", hold="zoh")
 
 
+@pytest.mark.e2e
 def test_segment_after_lost_rows_has_its_own_initial_state():
     """With equilibrium at the start of each segment the gain is 0.8 and the lag 16 s, with a
     stated uncertainty of one percent."""
@@ -315,6 +316,7 @@ def test_dead_time_carries_the_input_across_a_gap():
         )
 
 
+@pytest.mark.e2e
 def test_offset_per_run_is_shared_by_all_segments_of_the_run():
     result = fit(
         record_with_gaps().merge(record_with_gaps()), process("P1", offset="per run"), **PLAIN

@@ -63,6 +63,7 @@ def test_sensitivities_of_the_equation_error_equal_central_differences():
     assert np.count_nonzero(value == 0) == 2
 
 
+@pytest.mark.e2e
 def test_free_initial_state_is_determined_by_the_first_samples():
     """A(q) removes free responses, so the equation error alone leaves the state undetermined."""
     data = two_input_record(0)

@@ -57,6 +57,7 @@ def test_a_shifted_output_is_still_refused_where_the_input_is_not_periodic() -> 
         fit(IOData.from_arrays(u, y, DT_S), "P1D")
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(("other", "is_reported"), [(0.0, True), (0.5, False)])
 def test_inputs_that_move_together_are_reported(other: float, is_reported: bool) -> None:
     rng = np.random.default_rng(3)

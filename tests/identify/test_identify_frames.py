@@ -59,6 +59,7 @@ def test_other_data_are_refused_with_a_hint(data: Any, hint: str) -> None:
             function(data)
 
 
+@pytest.mark.e2e
 def test_identify_gives_the_same_model_from_frame_file_arrays_and_data(tmp_path: Path) -> None:
     table = frame()
     u, y = arrays()

@@ -138,6 +138,7 @@ def test_merge_of_unequal_intervals_names_the_remedy() -> None:
     assert len(coarse.merge(fine.resample(0.5)).runs) == 2
 
 
+@pytest.mark.e2e
 def test_control_systems_are_compared_as_they_stand() -> None:
     data = record()
     system = control.tf([2.0], [0.8, 1.0])
