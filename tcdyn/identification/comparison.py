@@ -22,7 +22,7 @@ import pandas as pd
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.arguments import check_keywords, with_named_arguments
 from tcdyn.core.errors import InputError, Spelling, as_argument
-from tcdyn.core.estimate import Estimate, mixture
+from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, jsonable
@@ -47,6 +47,7 @@ from tcdyn.identification.large_records import (
     fit_all_rows,
     search_record,
 )
+from tcdyn.identification.model_average import average_gain_and_lag, likely_models
 from tcdyn.identification.models import (
     Model,
     as_model,
@@ -55,6 +56,7 @@ from tcdyn.identification.models import (
     several,
     with_known,
 )
+from tcdyn.identification.needless import needless_elements, overdamped_models
 from tcdyn.identification.options import RecordOptions
 from tcdyn.identification.other_hold import check_holds
 from tcdyn.identification.plant import KnownSensor, without_sensor
@@ -115,7 +117,6 @@ NOT_OF_THE_MODEL = ("fit.prior_conflict", "record.thermostat")
 # Range of the estimated drift or slow wave over that of the output, above which it may cause as
 # much of the output as the input does.
 MAX_WAVE_SHARE = 0.5
-MIN_WEIGHT = 0.01  # of a model, below which it is left out of the average
 
 
 @dataclass(frozen=True, repr=False)
@@ -747,69 +748,6 @@ def _table_row(
     }
 
 
-def overdamped_models(fits: Mapping[str, Fit]) -> list[str]:
-    """Models with a pair of poles (U) that are real, where two lags fit no worse.
-
-    The data determine the two lags, or do not determine the pair either.
-
-    Parameters
-    ----------
-    fits
-        Fits by the name of the model.
-
-    Returns
-    -------
-    list of str
-        Names of those models.
-    """
-    names = []
-    for name, result in fits.items():
-        structures = name.split(" + ")
-        for k, part in enumerate(result.identified.by_input.values()):
-            if part.theta.get("Zeta", 0.0) < 1:
-                continue
-            with_lags = [*structures[:k], structures[k].replace("U", ""), *structures[k + 1 :]]
-            two_lags = fits.get(" + ".join(with_lags))
-            if two_lags is not None and (result.findings or not two_lags.findings):
-                names.append(name)
-    return names
-
-
-def needless_elements(fits: Mapping[str, Fit]) -> list[str]:
-    """Models with an element that lags describe about as well.
-
-    A half-order element has an infinite lag and takes part of the dead time, and an oscillating
-    pair has two parameters as two lags have; lags are the simpler explanation.
-
-    Parameters
-    ----------
-    fits
-        Fits by the name of the model.
-
-    Returns
-    -------
-    list of str
-        Names of models with a half-order element whose BIC is not lower by ``DECISIVE_BIC`` than
-        that of all models with lags, and of models with a pair where the same holds of two lags in
-        its place.
-    """
-    needless = []
-    lumped = [bic(result) for name, result in fits.items() if "H" not in name]
-    if lumped:
-        limit = min(lumped) - DECISIVE_BIC
-        needless = [name for name in fits if "H" in name and bic(fits[name]) > limit]
-    for name, result in fits.items():
-        structures = name.split(" + ")
-        for k, structure in enumerate(structures):
-            if "U" not in structure:
-                continue
-            with_lags = [*structures[:k], structure.replace("U", ""), *structures[k + 1 :]]
-            two_lags = fits.get(" + ".join(with_lags))
-            if two_lags is not None and bic(result) > bic(two_lags) - DECISIVE_BIC:
-                needless.append(name)
-    return needless
-
-
 def has_two_levels(result: Fit) -> bool:
     """Whether each input has two values only, so that there is no step between other levels."""
     inputs = np.concatenate([s.inputs for s in result.problem.segments])
@@ -985,102 +923,6 @@ def baseline_of(result: Fit) -> Baseline:
     if result.noise.is_random_walk:
         return "walk"
     return "trend" if result.problem.trend else "none"
-
-
-def likely_models(table: pd.DataFrame, fits: Mapping[str, Fit]) -> dict[str, float]:
-    """Weights of models without integrator by their BIC, relative to that of the likeliest.
-
-    Parameters
-    ----------
-    table
-        A row for each model.
-    fits
-        Fits by name.
-
-    Returns
-    -------
-    dict
-        Weight exp(-BIC/2) by name, of those above ``MIN_WEIGHT``.
-    """
-    rows = table.set_index("model")["BIC"].dropna()
-    settling = [n for n in rows.index if n in fits and not fits[n].identified.model.integrators]
-    scores = rows[settling]
-    weights = np.exp(-0.5 * (scores - scores.min()))
-    return {str(name): float(w) for name, w in weights.items() if w >= MIN_WEIGHT}
-
-
-def average_gain_and_lag(
-    table: pd.DataFrame, fits: Mapping[str, Fit], recommended: str
-) -> Mapping[str, Mapping[str, Estimate]]:
-    """Average gain, lag and dead time over models by their BIC.
-
-    Parameters
-    ----------
-    table
-        A row for each model; BIC there is that under the common setting.
-    fits
-        Fits by name; those of other rows than the recommended one are left out, and those whose lag
-        the record does not determine.
-    recommended
-        Name of the recommended model, which counts as much as the likeliest.
-
-    Returns
-    -------
-    mapping
-        By input, "gain", "lag_s" and "dead_time_s"; empty for an integrator.
-    """
-    best = fits[recommended]
-    if best.identified.model.integrators:
-        return {}
-    n = best.problem.n_measured
-    weights = {
-        name: weight
-        for name, weight in likely_models(table, fits).items()
-        if not any(f.code == "fit.lag_unbounded" for f in fits[name].findings)
-    }
-    weights[recommended] = 1.0
-    initial = best.problem.initial
-    likely = [
-        (weight, fits[name].identified.by_input)
-        for name, weight in weights.items()
-        if fits[name].problem.n_measured == n and fits[name].problem.initial == initial
-    ]
-    averages: dict[str, dict[str, Estimate]] = {}
-    for name in best.identified.by_input:
-        used = [(weight, models[name]) for weight, models in likely if models[name].gain]
-        if used:
-            used_weights = [weight for weight, _ in used]
-            averages[name] = {
-                "gain": mixed([model.gain_parts for _, model in used], used_weights),
-                "lag_s": mixed([model.lag_parts for _, model in used], used_weights),
-                "dead_time_s": mixture([dead_time_s(model) for _, model in used], used_weights),
-            }
-    return averages
-
-
-def mixed(
-    distributions: Sequence[tuple[list[Estimate], list[float]]], weights: Sequence[float]
-) -> Estimate:
-    """The mixture of mixtures of normal distributions with the weights of each."""
-    parts = []
-    part_weights = []
-    for (estimates, shares), weight in zip(distributions, weights):
-        parts += estimates
-        part_weights += [weight * share / sum(shares) for share in shares]
-    return mixture(parts, part_weights)
-
-
-def dead_time_s(model: Identified) -> Estimate:
-    """Dead time of a model of one input [s]; zero with the uncertainty of the times without one.
-
-    Where the data do not determine it, it is any part of the lag, all equally probable.
-    """
-    found = model.estimates.get("Td")
-    if found is not None:
-        lag_s = abs(model.lag_s.value)
-        largest_u_s = lag_s / np.sqrt(12)
-        return found if found.u < largest_u_s else Estimate.normal(lag_s / 2, largest_u_s)
-    return Estimate.normal(model.theta.get("Td", 0.0), model.timing_u_s)
 
 
 @with_named_arguments

@@ -1,10 +1,10 @@
-"""Selection of a process model: a fixed ladder of structures, and one setting of the disturbance.
+"""Selection of a process model: a fixed ladder of structures under one disturbance.
 
 The structures are the process models P1 to P3 with or without dead time (D), zero (Z) and complex
 pair (U), the integrator (I) and the half-order element (H). All are compared by BIC of the
-innovations under one setting: the initial state, the noise and the baseline, which are selected
-first (``tcdyn.identification.setting``). ``tcdyn.identification.comparison.compare`` uses it.
-``tests/identify/bare_study.py`` measures the coverage of the complete search;
+innovations under one setting: the initial state, and the disturbance that is likeliest with the
+best of the first structures (:func:`common_setting`).
+``tcdyn.identification.comparison.compare`` uses it. ``tests/identify/bare_study.py`` measures the coverage of the complete search;
 ``tests/identify/test_identify_ladder.py`` checks the steps.
 """
 

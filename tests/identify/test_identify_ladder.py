@@ -14,18 +14,15 @@ from scipy.signal import lfilter
 
 from tcdyn.core.estimate import Estimate, mixture
 from tcdyn.identification import IOData, compare, fit
-from tcdyn.identification.comparison import (
-    average_gain_and_lag,
-    needless_elements,
-    overdamped_models,
-)
 from tcdyn.identification.ladder import (
     Ladder,
     best_fit,
     neighbours,
     select_structures,
 )
+from tcdyn.identification.model_average import average_gain_and_lag
 from tcdyn.identification.models import as_model, process
+from tcdyn.identification.needless import needless_elements, overdamped_models
 from tcdyn.identification.recommendation import TIE_BIC
 from tcdyn.identification.search import Fit
 from tcdyn.identification.setting import Setting
