@@ -4,8 +4,8 @@ The structures are the process models P1 to P3 with or without dead time (D), ze
 pair (U), the integrator (I) and the half-order element (H). All are compared by BIC of the
 innovations under one setting: the initial state, and the disturbance that is likeliest with the
 best of the first structures (:func:`common_setting`).
-``tcdyn.identification.comparison.compare`` uses it. ``tests/identify/bare_study.py`` measures the coverage of the complete search;
-``tests/identify/test_identify_ladder.py`` checks the steps.
+``tcdyn.identification.comparison.compare`` uses it. ``tests/identify/bare_study.py`` measures the
+coverage of the complete search; ``tests/identify/test_identify_ladder.py`` checks the steps.
 """
 
 from __future__ import annotations
