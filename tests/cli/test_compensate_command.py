@@ -464,6 +464,7 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     assert pd.read_csv(out)["time_s"].tolist() == stretch["time_s"].tolist()
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize(
     ("first_s", "last_s", "said"),

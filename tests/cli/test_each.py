@@ -128,6 +128,7 @@ def test_two_files_with_one_output_are_refused_before_the_work(logs, tmp_path):
         compensate_each([], [probe()])
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_table_of_lags(tmp_path):
     paths = []

@@ -236,6 +236,7 @@ def test_record_of_a_disk_without_columns_raises(
     assert "holds no column of the slow disk, whose record was given" in str(result.exception)
 
 
+@pytest.mark.long
 @pytest.mark.study
 def test_log_of_one_disk_is_compensated_with_its_lag_from_unloading(
     study: StudyRig, fast_only_log: Path

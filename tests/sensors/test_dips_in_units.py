@@ -38,6 +38,7 @@ def write(folder: Path, seed: int, column: str, unit: str) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize(
     ("column", "unit"),
