@@ -27,6 +27,8 @@ from tcdyn.identification.recommendation import UNDETERMINED_GAIN_RATIO
 from tcdyn.identification.search import Fit, make_problem
 from tcdyn.identification.validation import has_coloured_residuals
 
+# Findings of a fit whose response is slower than the record.
+GAIN_OPEN = frozenset({"fit.lag_unbounded", "fit.slow_pole"})
 MAX_POLES = 5  # largest number of common poles
 MAX_ERROR_RATIO = 1.05  # each held-out error over that of the current model, at most
 ERROR_GAIN_RATIO = 0.97  # mean of both that a model with coloured residuals must reach
@@ -58,6 +60,7 @@ def best_common_pole_fit(
         The fit, its error over that of ``current``, and its held-out statistics. None where no
         fit is 3 % better, or at most 5 % worse with white residuals where those of ``current`` are
         coloured; 20 % better for one that the data do not determine, if they determine ``current``.
+        A fit whose response is slower than the record does not replace one whose response is not.
 
     Notes
     -----
@@ -73,6 +76,8 @@ def best_common_pole_fit(
     options = {**ladder.options, **SCORING_OPTIONS}
     for order, arx in product(range(1, MAX_POLES + 1), equation_error):
         for candidate in common_pole_fits(ladder.data, order, arx, options, ladder.template):
+            if leaves_gain_open(candidate) and not leaves_gain_open(current):
+                continue
             block_ratio = block_held_out_rms(candidate) / current_blocks
             if block_ratio > MAX_ERROR_RATIO:
                 continue
@@ -90,6 +95,11 @@ def best_common_pole_fit(
                 best = (candidate, mean_ratio, error)
                 limit = mean_ratio / allowed
     return best
+
+
+def leaves_gain_open(result: Fit) -> bool:
+    """Whether a response is slower than the record: gain and lag are then extrapolated."""
+    return bool(GAIN_OPEN & {finding.code for finding in result.findings})
 
 
 def common_pole_fits(
