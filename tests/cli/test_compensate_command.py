@@ -163,6 +163,7 @@ def test_a_log_with_stamps_keeps_them_its_start_and_on_request_its_dialect(
     assert np.allclose(done.frame["e_degC"][~near], reference["e_degC"][~near], rtol=0, atol=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_a_german_log_gives_a_workbook_or_a_finding_and_a_netcdf_file_with_dates(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
@@ -272,6 +273,7 @@ def test_the_page_holds_numbers_and_pictures(
         assert words in html
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_follow_states_its_delay_and_ends_by_itself(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]

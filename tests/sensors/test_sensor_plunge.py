@@ -112,6 +112,7 @@ def test_a_sensor_that_is_taken_out_again_and_outliers_do_not_hide_the_step() ->
     assert made.chain.channels["T1"].lag_s.value == pytest.approx(1.8, rel=0.12)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("splash_s", [0.1, 0.3])
 def test_a_splash_before_the_step_is_not_taken_for_it(splash_s: float) -> None:
@@ -150,6 +151,7 @@ def test_a_lag_that_changes_within_the_dip_is_that_at_its_end() -> None:
     assert lag.value == pytest.approx(1.1 / 1.3, rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 @pytest.mark.parametrize("hum_K", [0.5, 2.0])
 def test_hum_of_the_mains_does_not_end_the_step(hum_K: float) -> None:
@@ -297,6 +299,7 @@ def test_a_slow_second_heat_path_is_part_of_t90(
     assert t90.u < 0.03 * t90.value
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("drift_K", [-1.0, 0.0, 1.0])
 def test_a_drift_of_the_bath_is_no_second_path(drift_K: float) -> None:
@@ -323,6 +326,7 @@ def test_a_lag_as_short_as_the_medium_s_is_a_warning() -> None:
     assert "sensor.medium" in {f.code for f in made.findings}
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("medium", list(MEDIA))
 @pytest.mark.parametrize("known", [False, pytest.param(True, marks=pytest.mark.long)])
@@ -345,6 +349,7 @@ def test_the_times_of_layered_sensors_lie_in_their_intervals(
     assert np.mean(held) >= (0.66 if junction == "insulated" else 0.45)
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize("specified_u_s", [0.0, 0.001, 0.02, 0.2])
 def test_a_specified_entry_that_is_right_is_no_warning(specified_u_s: float) -> None:
