@@ -36,6 +36,7 @@ def test_a_short_lag_may_be_the_sensor_s_where_the_step_is_sharp() -> None:
 QUICK = (SENSORS[0], SENSORS[2])
 
 
+@pytest.mark.long
 @pytest.mark.study
 @pytest.mark.parametrize(
     "sensor_s", [pytest.param(s, marks=() if s in QUICK else pytest.mark.long) for s in SENSORS]
