@@ -731,7 +731,6 @@ def _table_row(
         Values by column. ``tcdyn.identification.recommendation`` reads these names.
     """
     statistics = full.identified.statistics
-    findings = [f for f in full.findings if f.code not in NOT_OF_THE_MODEL]
     return {
         "model": name,
         "parameters": int(statistics["parameters"]),
@@ -741,8 +740,16 @@ def _table_row(
         "BIC": statistics["bic"],
         **dict(zip(HELD_OUT_COLUMNS, held_out)),
         "block_rms": block_held_out_rms(full),
-        "p_white": statistics["p_white"],
-        "p_input": statistics["p_input"],
+        **_conclusion_columns(full),
+    }
+
+
+def _conclusion_columns(full: Fit) -> dict[str, Any]:
+    """Values of the columns of the table on which the conclusion is based, by column."""
+    findings = [f for f in full.findings if f.code not in NOT_OF_THE_MODEL]
+    return {
+        "p_white": full.identified.statistics["p_white"],
+        "p_input": full.identified.statistics["p_input"],
         "remark": "; ".join(full.warnings),
         "determined": not findings,
     }
@@ -860,9 +867,8 @@ def finish(ladder: Ladder, data: IOData, result: Comparison, record: SearchRecor
     # the conclusion is about the final fit
     table = result.table.copy()
     is_recommended = table["model"] == result.recommended
-    row = _table_row(result.recommended, final)
-    for column in ("p_white", "p_input", "remark", "determined"):
-        table.loc[is_recommended, column] = row[column]
+    for column, value in _conclusion_columns(final).items():
+        table.loc[is_recommended, column] = value
     result = replace(result, table=table)
     if "initial" not in ladder.options:
         has_free_state = initial == "level" and model.integrators > 0
