@@ -10,6 +10,7 @@ from identify_cases import PLAIN
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Severity
 from tcdyn.identification import IOData, compare, fit, several, transfer
 from tcdyn.identification.heldout import block_held_out_rms
 from tcdyn.identification.models import as_model
@@ -164,14 +165,17 @@ def test_block_held_out_rms_equals_refits_without_each_block():
 
 
 @pytest.mark.study
-def test_default_comparison_uses_equation_error_if_the_noise_requires_it():
+def test_disturbances_before_the_poles_give_common_poles_with_a_warning():
+    """Their noise is smoother than any that is averaged over, and the intervals are robust."""
     comparison = compare(two_input_record(3, 400, 1.0))
-    assert comparison.best.identified.statistics["p_input"] > 0.01
-    assert (
-        "ARX" in comparison.recommended
-        or comparison.best.noise.order != (0, 0)
-        or comparison.best.noise.averaged
-    )
+    assert "common poles" in comparison.recommended
+    assert comparison.conclusion.severity is Severity.WARNING
+    statistics = comparison.best.identified.statistics
+    assert statistics["p_input"] > 0.01
+    assert statistics["robust_covariance"] == 1.0
+    gain = comparison.averaged["heat"]["gain"]
+    # the numerator of the equation over the sum of its denominator
+    assert abs(gain.value - 0.15 / A.sum()) < 4 * gain.u
 
 
 def test_arx_names_are_parsed_and_invalid_combinations_raise():

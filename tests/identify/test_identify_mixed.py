@@ -121,24 +121,6 @@ def test_drift_larger_than_the_response_is_separated_from_it(drift, options):
             )
 
 
-@pytest.mark.study
-@pytest.mark.parametrize(("options", "is_walk"), [({"ar": 0.7}, False), ({"walk": 0.01}, True)])
-def test_gaps_neither_create_nor_hide_a_random_walk(options, is_walk):
-    """With a free level after each gap a random walk is chosen in 8 of 10; at a cost of ln N for
-    each level, never."""
-    results = [
-        fit(
-            record(s, every=20, **options),
-            "P1D",
-            noise="ar",
-            baseline="auto",
-            initial="equilibrium",
-        )
-        for s in range(5)
-    ]
-    assert sum(f.noise.is_random_walk == is_walk for f in results) >= 4
-
-
 def test_new_data_with_slow_noise_confirm_the_true_model():
     """With the covariance of white noise 5 of 40 would be rejected at the 1 % level."""
     n_shifted = 0
