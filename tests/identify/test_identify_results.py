@@ -378,10 +378,9 @@ def test_tclab_step_record_needs_two_lags_and_a_noise_model():
     data = from_frame(frame, input="heater", output="T_K", hold="zoh", resample_s=1.0, name="TCLab")
     c = compare(data, ["P1", "P1D", "P2D"], held_out=0.4)
     percent_held_out = c.table.set_index("model")["held_out_percent"]
-    assert percent_held_out["P2D"] > 90
-    # its disturbance takes part of the second lag
-    assert 80 < percent_held_out["P1D"] < percent_held_out["P2D"]
-    assert percent_held_out["P1"] < percent_held_out["P2D"] - 3
+    # a single step: the disturbance may take part of the response, 13 % of the range
+    assert percent_held_out["P2D"] > 80
+    assert percent_held_out["P1"] < percent_held_out["P1D"] < percent_held_out["P2D"] - 20
     assert c.recommended == "P2D"
     # the sensor is quantised in steps of 0.32 K: its residuals cannot be white; the noise model
     # accounts for it
