@@ -116,7 +116,7 @@ def test_every_key_of_an_identified_model_is_documented_with_its_unit(tmp_path: 
     assert CliRunner().invoke(app, command).exit_code == 0
     data = json.loads(table.with_suffix(".identified.json").read_text(encoding="utf-8"))
     assert data.pop("reading")[0]["rows"] == len(u)  # its keys are those of inspect
-    assert set(data["averaged"]["u"]) == {"gain", "lag_s"}
+    assert set(data["averaged"]["u"]) == {"gain", "lag_s", "dead_time_s"}
     assert data["averaged"]["u"]["lag_s"]["value"] == pytest.approx(0.8, abs=0.05)
     columns_and_parameters = {"u", "Kp", "Tp1"}
     keys_in_file = dict(keys(data))
