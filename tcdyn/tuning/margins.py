@@ -162,7 +162,7 @@ def margins_of(loop: Complex, integrators: int, is_sampled: bool = False) -> Mar
         ms = np.where(is_stable, np.max(1 / distance, axis=1), np.inf)
         mt = np.where(is_stable, np.max(np.abs(loop) / distance, axis=1), np.inf)
     return Margins(
-        _gain_margins(loop, is_stable),
+        _gain_margins(loop, is_stable, is_sampled),
         _phase_margins_deg(loop, is_stable),
         ms,
         mt,
@@ -202,7 +202,7 @@ def count_unstable_poles(loop: Complex, integrators: int, is_sampled: bool = Fal
     return np.where(np.abs(loop[:, -1]) >= 1, np.maximum(count, 1), count)
 
 
-def _gain_margins(loop: Complex, is_stable: Flags) -> Array:
+def _gain_margins(loop: Complex, is_stable: Flags, is_sampled: bool) -> Array:
     """Gain margins (D,), from the crossings of the negative real axis.
 
     Parameters
@@ -211,7 +211,12 @@ def _gain_margins(loop: Complex, is_stable: Flags) -> Array:
         Responses (D, W).
     is_stable
         Whether each closed loop is stable (D,); of others, all crossings count.
+    is_sampled
+        Whether the grid ends at the Nyquist frequency, where the response of a sampled loop is
+        real: a crossing of the negative axis if it is negative.
     """
+    if is_sampled:
+        loop = np.concatenate([loop, loop[:, -1:].real], axis=1)
     before = loop[:, :-1]
     after = loop[:, 1:]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 
+from tcdyn.chain import Chain
 from tcdyn.chain.rational import Rational
 from tcdyn.tuning import Controller
 from tcdyn.tuning.margins import loop_margins
@@ -102,3 +103,11 @@ def test_a_slowly_sampled_loop_is_unstable_where_its_poles_say() -> None:
     for gain, is_stable in ((1.5, True), (2.3, False)):
         found = loop_margins([g], Controller(gain, 0.01).sampled(1.0))
         assert bool(found.is_stable[0]) == is_stable
+
+
+def test_gain_margin_of_a_slowly_sampled_loop_is_that_at_the_nyquist_frequency() -> None:
+    """A plant that settles within a sample: y = K u of the sample before, with integral control."""
+    controller = Controller(0.0, 0.5).sampled(1.0)
+    margins = loop_margins([Chain([0.1]).rational], controller)
+    # z = 1 - 0.5 g is stable up to g = 4; the lag of a tenth of a sample changes it by exp(-10)
+    assert margins.gain_margin[0] == pytest.approx(4.0, rel=1e-3)
