@@ -33,7 +33,7 @@ from tcdyn.core.errors import (
     first_validation_error,
 )
 from tcdyn.core.estimate import Estimate, mixture, rounded_texts
-from tcdyn.core.findings import Finding, labelled_messages, warning, warnings_and_errors
+from tcdyn.core.findings import Finding, Severity, labelled_messages, warning, warnings_and_errors
 from tcdyn.core.labels import common_index
 from tcdyn.core.options import options_of
 from tcdyn.core.result import Result, estimates_frame, jsonable
@@ -332,7 +332,8 @@ class Identified(Dynamics, Result):
         ]
         if self.statistics.get("p_input", 1.0) < DRIVEN_P and self.sentence:
             troubles.append(self.sentence)
-        if any(finding.code == "model.without_sensor" for finding in self.findings):
+        has_sensor = all(finding.code != "model.without_sensor" for finding in self.findings)
+        if not has_sensor:
             troubles.append(
                 "The model is the plant without its sensor, and the controller sees the reading: "
                 "identify the plant with its sensor."
@@ -350,6 +351,8 @@ class Identified(Dynamics, Result):
             dt_s=self.dt_s,
             redrawn_share=redrawn_share,
             troubles=tuple(dict.fromkeys(troubles)),
+            is_rejected=any(finding.severity is Severity.ERROR for finding in self.findings),
+            has_sensor=has_sensor,
         )
 
     def tune(self, input: str | None = None, **options: Any) -> Tuning:

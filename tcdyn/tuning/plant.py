@@ -38,6 +38,10 @@ class Plant:
         controller), and so were drawn again.
     troubles
         Why the model is not to be relied on.
+    is_rejected
+        Whether its identification found no model good enough.
+    has_sensor
+        Whether the model contains the sensor of the output, so that its output is the reading.
     """
 
     rational: Rational
@@ -50,6 +54,8 @@ class Plant:
     dt_s: float = 0.0
     redrawn_share: float = 0.0
     troubles: tuple[str, ...] = ()
+    is_rejected: bool = False
+    has_sensor: bool = True
 
     @property
     def unit_of_input(self) -> str:

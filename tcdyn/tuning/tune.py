@@ -228,8 +228,9 @@ def _findings(tuning: Tuning, is_stable: bool, options: TuneOptions) -> list[Fin
     elif tuning.margins["ms"].high95 > LARGEST_MS or tuning.unstable_share > 0:
         findings.append(warning("tune.undetermined", subject=output, **numbers))
     if plant.troubles:
+        grade = error if plant.is_rejected else warning
         findings.append(
-            warning("tune.model", subject=plant.model_name, troubles=list(plant.troubles))
+            grade("tune.model", subject=plant.model_name, troubles=list(plant.troubles))
         )
     findings += _sampling_findings(tuning)
     findings += _notes(tuning, options)
@@ -283,6 +284,6 @@ def _notes(tuning: Tuning, options: TuneOptions) -> list[Finding]:
             )
     if not plant.draws:
         notes.append(info("tune.no_distribution", subject=plant.model_name))
-    if plant.is_temperature:
+    if plant.is_temperature and plant.has_sensor:
         notes.append(info("tune.reading", subject=plant.output_name))
     return notes

@@ -14,7 +14,7 @@ from typing import Any
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding
+from tcdyn.core.findings import Finding, Severity
 from tcdyn.core.options import options_of
 from tcdyn.identification import (
     Comparison,
@@ -63,8 +63,16 @@ class IdentifiedOutput:
     narx: dict[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of an identified file, without its source."""
-        content = self.comparison.best.identified.to_dict()
+        """Content of an identified file, without its source.
+
+        A conclusion that is a warning or an error is one of the findings of the file, so that a
+        later use of the model knows it.
+        """
+        identified = self.comparison.best.identified
+        conclusion = self.comparison.conclusion
+        if conclusion.severity is not Severity.INFO:
+            identified = replace(identified, findings=(*identified.findings, conclusion))
+        content = identified.to_dict()
         content["averaged"] = self.comparison.averaged
         content["reading"] = [each.to_dict() for each in self.record.reading]
         if self.narx:

@@ -126,3 +126,27 @@ def test_from_a_record_to_settings(tmp_path: Path, capsys: pytest.CaptureFixture
     true = loop_margins([type(plant)(0.6 * plant.num, plant.factors, 1.5)], tuning.controller)
     assert margins["ms"]["low95"] < true.ms[0] < margins["ms"]["high95"]
     assert margins["phase_margin_deg"]["low95"] < true.phase_margin_deg[0]
+
+
+@pytest.mark.e2e
+def test_the_verdict_of_identify_is_in_its_file_and_tune_repeats_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The output oscillates by itself, as much as it responds."""
+    t_s = np.arange(400.0)
+    heater = np.repeat([0.0, 50.0, 20.0, 70.0], 100)
+    response = Chain([20.0]).response(heater, 1.0, hold="zoh")
+    disturbance = 25.0 * np.sign(np.sin(2 * np.pi * t_s / 37.0))
+    noise = np.random.default_rng(2).normal(0.0, 0.1, len(t_s))
+    table = tmp_path / "kiln.csv"
+    columns = {"time_s": t_s, "power": heater, "T_degC": response + disturbance + noise}
+    pd.DataFrame(columns).to_csv(table, index=False)
+    words = ["identify", table, "--input", "power", "--output", "T", "--hold", "zoh"]
+    options = ["--model", "P1", "--noise", "white", "--no-check", "--quiet"]
+    code = tcdyn(*words, *options)
+    content = json.loads(table.with_suffix(".identified.json").read_text(encoding="utf-8"))
+    assert code == 1
+    assert "models.none" in [finding["code"] for finding in content["findings"]]
+    capsys.readouterr()
+    assert tcdyn("tune", table.with_suffix(".identified.json")) == 1
+    assert "is not to be relied on" in capsys.readouterr().err

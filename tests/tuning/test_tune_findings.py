@@ -12,7 +12,7 @@ from tcdyn.identification import tune
 from tests.tuning.tuning_cases import HEATER, model
 
 WARNING, INFO, ERROR = Severity.WARNING, Severity.INFO, Severity.ERROR
-TROUBLE = error("from_file", text="The record is nothing")
+TROUBLE = warning("from_file", text="The record is nothing")
 
 CASES: dict[str, tuple[Any, dict[str, Any], Severity, str]] = {
     "tune.unstable_model": (model("P1D", HEATER), {"sample_s": 300.0, "tau_c_s": 1.0}, ERROR, ""),
@@ -55,6 +55,13 @@ def test_finding_is_made_with_its_remedy(code: str) -> None:
 
 def test_every_code_is_tested() -> None:
     assert set(CASES) == set(TUNE)
+
+
+@pytest.mark.usefixtures("few_draws")
+def test_a_model_that_was_rejected_is_an_error() -> None:
+    rejected = model("P1D", HEATER, findings=(error("from_file", text="None is good enough"),))
+    found = {finding.code: finding for finding in tune(rejected).findings}
+    assert found["tune.model"].severity is ERROR
 
 
 @pytest.mark.usefixtures("few_draws")
