@@ -81,15 +81,17 @@ class KnownSensor:
         if isinstance(given, ChannelChain):
             parameters = given.model_dump(exclude={"lag_s", "split_u_s"})
             return cls(Chain(**parameters), given.lag_s.u, given.split_u_s)
-        if isinstance(given, str):
-            given = parse_number_with_u(given)
+        number = parse_number_with_u(given) if isinstance(given, str) else given
+        pair = number if isinstance(number, tuple | list) else (number, 0.0)
         try:
-            lag_s, u_s = np.broadcast_to(given, 2) if np.ndim(given) else (float(given), 0.0)
-            lag_s, u_s = float(lag_s), float(u_s)
+            lag_s, u_s = (float(value) for value in pair)
         except (TypeError, ValueError):
             raise InputError(f"sensor is {described(given)}", expected=EXPECTED) from None
         if not (0 < lag_s < np.inf and 0 <= u_s < np.inf):
-            raise InputError(f"sensor is {described(given)}", expected="a lag above zero")
+            raise InputError(
+                f"sensor is a lag of {lag_s:g} s with u = {u_s:g} s",
+                expected="a lag above zero and a standard uncertainty of zero or more",
+            )
         return cls(Chain(lag_s, is_stated=True), u_s)
 
     @property

@@ -91,7 +91,7 @@ def test_a_dead_time_and_a_filter_of_the_sensor_are_no_part_of_the_plant() -> No
     assert plant.model.known.den == (1.0,)
 
 
-@pytest.mark.parametrize("given", ["probe.sensor.json", object(), -1.0, (1.0, -1.0)])
+@pytest.mark.parametrize("given", ["probe.sensor.json", object(), -1.0, (1.0, -1.0), (12.0,)])
 def test_a_sensor_that_is_none_is_refused(given: object) -> None:
     with pytest.raises(InputError):
         compare(record(), "P1D", sensor=given, **OPTIONS)
@@ -142,3 +142,4 @@ def test_settings_for_a_plant_without_its_sensor_come_with_a_warning() -> None:
     comparison = compare(record(), "P1D", sensor=Chain(SENSOR_S), **OPTIONS)
     codes = [finding.code for finding in comparison.best.tune().findings]
     assert "tune.model" in codes
+    assert "tune.reading" not in codes
