@@ -61,6 +61,7 @@ from tcdyn.identification.options import RecordOptions
 from tcdyn.identification.other_hold import check_holds
 from tcdyn.identification.plant import KnownSensor, without_sensor
 from tcdyn.identification.recommendation import (
+    CLEAR_GAIN_RATIO,
     DECISIVE_BIC,
     HELD_OUT_GAIN_RATIO,
     TABLE_LEGEND,
@@ -98,9 +99,6 @@ N_HELD_OUT = 6  # models of least BIC that are scored on held-out data (chosen b
 # Models of least error on blocks that are scored too, where BIC does not decide (by judgement).
 N_BLOCKS = 4
 ALWAYS_HELD_OUT = ("P1D", "P2D")  # models, behind each input, that are scored in any case
-# Error of a model with common poles over that of a model that the residual tests accept, from which
-# it is preferred; chosen by judgement.
-MAX_RATIO_TO_ACCEPTED = 0.8
 NOT_SCORED = (np.nan, np.nan, np.nan)  # held-out statistics of the others
 HELD_OUT_COLUMNS = ("held_out_rms", "held_out_percent", "p_held_out")
 # Findings of the final fit about the record that count against the recommended model.
@@ -492,7 +490,7 @@ def search_models(ladder: Ladder, given_models: Sequence[Model]) -> Comparison:
         result = add_common_pole_model(ladder, result)
     elif has_several_inputs and result.best.noise.time_constant < ladder.data.n_samples:
         # the errors on left-out blocks of a record with a random walk contain the walk
-        result = add_common_pole_model(ladder, result, MAX_RATIO_TO_ACCEPTED)
+        result = add_common_pole_model(ladder, result, CLEAR_GAIN_RATIO)
     return result
 
 

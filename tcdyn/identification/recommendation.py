@@ -28,8 +28,9 @@ from tcdyn.rig.disk import Conditioning
 DECISIVE_BIC = 10.0  # difference of BIC that no other criterion outweighs
 TIE_BIC = 2.0  # difference of BIC that is a tie
 HELD_OUT_GAIN_RATIO = 0.97  # held-out error over that of the best BIC, below which it decides
-# The same for a model that the data do not determine, over one that they do.
-UNDETERMINED_GAIN_RATIO = 0.8
+# The same for a model that the data do not determine over one that they do, and for common poles
+# over a model that the residual tests accept; chosen by judgement.
+CLEAR_GAIN_RATIO = 0.8
 # Fit percent below which coloured residuals are more than a disturbance.
 MIN_FIT_PERCENT = 50.0
 # Fit percent, of the record and of its held-out part, from which a model is provisional, and not
@@ -120,7 +121,7 @@ def recommend(
     ``DECISIVE_BIC``. BIC holds where the residuals are white and do not follow the input. Where
     they are not, a model whose :func:`validation_error` is smaller by more than
     ``HELD_OUT_GAIN_RATIO`` replaces it; one that the data do not determine replaces one that they
-    do where its error is below ``UNDETERMINED_GAIN_RATIO`` of the other.
+    do where its error is below ``CLEAR_GAIN_RATIO`` of the other.
 
     ``tests/identify/test_identify_advice.py`` has a table for each rule.
     """
@@ -145,7 +146,7 @@ def recommend(
     errors = validation_error(fitted)
     if not is_clean and errors.notna().any():
         is_handicapped = bool(best["determined"]) & ~fitted["determined"].astype(bool)
-        limits = np.where(is_handicapped, UNDETERMINED_GAIN_RATIO, HELD_OUT_GAIN_RATIO)
+        limits = np.where(is_handicapped, CLEAR_GAIN_RATIO, HELD_OUT_GAIN_RATIO)
         relative = errors / (limits * errors[best.name])
         if relative.min() < 1:
             other = best

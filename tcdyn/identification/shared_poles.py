@@ -23,7 +23,7 @@ from tcdyn.identification.iodata import IOData
 from tcdyn.identification.ladder import Ladder
 from tcdyn.identification.models import Model, as_template, base_name, several, transfer
 from tcdyn.identification.problem import IdentificationProblem
-from tcdyn.identification.recommendation import UNDETERMINED_GAIN_RATIO
+from tcdyn.identification.recommendation import CLEAR_GAIN_RATIO
 from tcdyn.identification.search import Fit, make_problem
 from tcdyn.identification.validation import has_coloured_residuals
 
@@ -89,7 +89,7 @@ def best_common_pole_fit(
             whitens = has_coloured_residuals(current) and not has_coloured_residuals(candidate)
             allowed = MAX_ERROR_RATIO if whitens else ERROR_GAIN_RATIO
             if candidate.findings and not current.findings:
-                allowed = UNDETERMINED_GAIN_RATIO
+                allowed = CLEAR_GAIN_RATIO
             mean_ratio = float(np.sqrt(block_ratio * ratio))
             if mean_ratio < allowed * limit:
                 best = (candidate, mean_ratio, error)
